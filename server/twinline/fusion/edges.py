@@ -1,0 +1,154 @@
+"""Points whose laser spot straddles an edge: found by comparing each stripe with its neighbours along the travel.
+
+The spot of a line laser is wider than a pixel. Where it falls half on a step's upper and half on its lower face, or
+half on a dark patch, its centre lies on neither; such points are the largest errors of a scan. One frame alone shows
+little of it when the edge runs along the stripe. The frames before and after do: there the stripe jumps or ends, or it
+is much brighter.
+
+The filter is fed frame by frame, in order, so that a live view and an offline run see the same points.
+"""
+
+from collections import deque
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.ndimage import maximum_filter1d
+
+from twinline.arrays import BoolArray, FloatArray, IntArray
+from twinline.fusion.cloud import PointCloud
+
+SPOT_COLUMNS = 2
+"""A spot reaches so many columns to either side through the lens's point spread."""
+
+PARTIAL_SHARE = 0.6
+"""A spot weaker than this share of the strongest one that it overlaps is taken as partial."""
+
+STEEPEST = 2.2
+"""Steepest slope, in mm of height per mm of travel, that counts as one surface."""
+
+LEAST_JUMP_PX = 1.0
+MOST_REACH_FRAMES = 16
+
+
+@dataclass(frozen=True, eq=False)
+class FramePoints:
+    """One frame's points, and the stripes they come from.
+
+    Attributes
+    ----------
+    cloud
+        n points.
+    laser, column : (n,) int arrays
+        Row and column of ``centre_px`` that each point comes from.
+    centre_px, amplitude_dn : (lasers, columns) float32 arrays
+        The stripes; NaN where there is none.
+    lit : (lasers,) bool array
+        Which lasers were on.
+    """
+
+    cloud: PointCloud
+    laser: IntArray
+    column: IntArray
+    centre_px: FloatArray
+    amplitude_dn: FloatArray
+    lit: BoolArray
+
+
+@dataclass(frozen=True)
+class EdgeLimits:
+    """The filter's measures in frames and pixels, for one scan.
+
+    Attributes
+    ----------
+    reach
+        Frames to either side whose spots overlap a frame's.
+    jump_px
+        A stripe that moves further than this between neighbouring frames has left its surface.
+    """
+
+    reach: int
+    jump_px: float
+
+    @classmethod
+    def for_scan(cls, *, pitch_mm: float, spot_sd_mm: float, px_per_mm_height: float) -> "EdgeLimits":
+        """Limits from the distance between frames, the spot's width on the surface and the image scale."""
+        reach = int(np.clip(round(2.0 * spot_sd_mm / max(pitch_mm, 1e-6)), 1, MOST_REACH_FRAMES))
+        return cls(reach, LEAST_JUMP_PX + STEEPEST * pitch_mm * px_per_mm_height)
+
+
+class EdgeFilter:
+    """Drops straddling points from a stream of frames; a frame comes out ``reach`` frames after it went in."""
+
+    def __init__(self, limits: EdgeLimits, lasers: int) -> None:
+        self._limits = limits
+        self._lasers = [_LaserFilter(limits) for _ in range(lasers)]
+        self._waiting: deque[tuple[FramePoints, list[BoolArray | None]]] = deque()
+        self.rejected = 0
+
+    def add(self, frame: FramePoints) -> list[PointCloud]:
+        """Take in the next frame; returns the clouds of the frames that can now be judged."""
+        verdicts: list[BoolArray | None] = [None] * len(self._lasers)
+        self._waiting.append((frame, verdicts))
+        for k, laser in enumerate(self._lasers):
+            if frame.lit[k]:
+                laser.add(frame.centre_px[k], frame.amplitude_dn[k], verdicts, k)
+            else:
+                verdicts[k] = np.zeros(frame.centre_px.shape[1], bool)
+        return self._ready()
+
+    def finish(self) -> list[PointCloud]:
+        """Judge the last frames by the neighbours they have."""
+        for laser in self._lasers:
+            laser.finish()
+        return self._ready()
+
+    def _ready(self) -> list[PointCloud]:
+        clouds = []
+        while self._waiting and all(v is not None for v in self._waiting[0][1]):
+            frame, verdicts = self._waiting.popleft()
+            whole = np.stack([v for v in verdicts if v is not None])
+            keep = whole[frame.laser, frame.column]
+            self.rejected += int(len(keep) - keep.sum())
+            clouds.append(frame.cloud.select(keep))
+        return clouds
+
+
+class _LaserFilter:
+    """The frames in which one laser was on, and the verdicts owed to them."""
+
+    def __init__(self, limits: EdgeLimits) -> None:
+        self._limits = limits
+        self._centres: deque[FloatArray] = deque()
+        self._heights: deque[FloatArray] = deque()
+        self._owed: deque[tuple[list[BoolArray | None], int]] = deque()
+        self._done = 0
+
+    def add(self, centre: FloatArray, amplitude: FloatArray, verdicts: list[BoolArray | None], slot: int) -> None:
+        self._centres.append(centre)
+        widest = maximum_filter1d(np.nan_to_num(amplitude), 2 * SPOT_COLUMNS + 1, mode="nearest")
+        self._heights.append(np.stack([amplitude, widest]))
+        self._owed.append((verdicts, slot))
+        if len(self._centres) - self._done > self._limits.reach:
+            self._judge()
+
+    def finish(self) -> None:
+        while self._owed:
+            self._judge()
+
+    def _judge(self) -> None:
+        """Give the verdict on the first unjudged frame, and forget the frames nobody needs any more."""
+        at, reach = self._done, self._limits.reach
+        around = list(self._heights)[max(at - reach, 0) : at + reach + 1]
+        strongest = np.max([h[1] for h in around], axis=0)
+        whole = np.nan_to_num(self._heights[at][0]) >= PARTIAL_SHARE * strongest
+        for neighbour in (at - 1, at + 1):
+            if 0 <= neighbour < len(self._centres):
+                with np.errstate(invalid="ignore"):
+                    whole &= np.abs(self._centres[neighbour] - self._centres[at]) <= self._limits.jump_px
+        verdicts, slot = self._owed.popleft()
+        verdicts[slot] = whole
+        self._done += 1
+        while self._done > reach:
+            self._centres.popleft()
+            self._heights.popleft()
+            self._done -= 1
