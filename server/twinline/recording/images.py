@@ -1,0 +1,153 @@
+"""Reading pictures as measurements: as stored, complete, in 8 bits."""
+
+import re
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from twinline.arrays import ByteArray
+from twinline.errors import FrameError
+
+PICTURE_SUFFIXES = frozenset({".png", ".jpg", ".jpeg"})
+"""Names (in small letters) by which pictures in a folder are recognised."""
+
+_PNG_START = b"\x89PNG\r\n\x1a\n"
+_PNG_END = b"IEND\xaeB`\x82"
+_JPEG_START = b"\xff\xd8"
+_JPEG_END = b"\xff\xd9"
+# Inside the coded data of a JPEG, FF is followed by 00 (a plain FF), by a restart marker, or by fill bytes.
+_JPEG_MARKER = re.compile(rb"\xff[^\x00\x01\xd0-\xd7\xff]")
+_JPEG_FRAME_MARKERS = frozenset(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}
+_HEADER_BYTES = 4096
+
+
+def read_image(path: Path, expected_size: tuple[int, int] | None = None) -> ByteArray:
+    """Read a picture as the camera stored it.
+
+    Rotation hints in the file (EXIF) are not applied, since lens and stripes belong to the sensor's own axes. Pictures
+    of 16 bits are reduced to 8 by dividing full scale by full scale (65535 becomes 255), the same for every picture.
+
+    Parameters
+    ----------
+    expected_size
+        Width and height in pixels that the picture must have; any where not given.
+
+    Returns
+    -------
+    (h, w) or (h, w, 3) uint8 array
+        Grey pictures stay grey; colour is blue, green, red; transparency is dropped.
+
+    Raises
+    ------
+    FrameError
+        If the file is missing, no picture, truncated or damaged, of another size, or does not hold 8 or 16 bits per
+        channel.
+    """
+    try:
+        data = path.read_bytes()
+    except OSError as error:
+        raise FrameError(f"{path} cannot be read: {error.strerror or error}.") from error
+    # Looked at before decoding: a header may claim any number of pixels.
+    _require_size(path, _size_of(data), expected_size)
+    image = _decode(data, path)
+    _require_size(path, (image.shape[1], image.shape[0]), expected_size)
+    return image
+
+
+def _require_size(path: Path, size: tuple[int, int] | None, expected: tuple[int, int] | None) -> None:
+    if size and expected and size != expected:
+        raise FrameError(f"{path} is {size[0]} x {size[1]} px, not {expected[0]} x {expected[1]} px.")
+
+
+def _decode(data: bytes, path: Path) -> ByteArray:
+    reason = _incomplete(data)
+    if reason:
+        raise FrameError(f"{path} {reason}.")
+    try:
+        image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
+    except cv2.error as error:
+        raise FrameError(f"{path} is not a picture that can be decoded ({error.err}).") from error
+    if image is None:
+        raise FrameError(f"{path} is not a picture, or its data are damaged.")
+    if image.dtype == np.uint16:
+        image = ((image.astype(np.uint32) + 128) // 257).astype(np.uint8)
+    if image.dtype != np.uint8:
+        raise FrameError(f"{path} holds {image.dtype} values; save it with 8 or 16 bits per channel.")
+    if image.ndim == 3 and image.shape[2] == 4:
+        image = np.ascontiguousarray(image[:, :, :3])
+    if image.ndim == 3 and image.shape[2] != 3:
+        raise FrameError(f"{path} has {image.shape[2]} channels; save it as a grey or a colour picture.")
+    return np.asarray(image, dtype=np.uint8)
+
+
+def picture_size(path: Path) -> tuple[int, int]:
+    """Width and height of a picture in pixels, from its first few bytes for PNG and JPEG.
+
+    Raises
+    ------
+    FrameError
+        If the file cannot be read or no size is found in it.
+    """
+    try:
+        with path.open("rb", buffering=0) as stream:
+            data = stream.read(_HEADER_BYTES)
+            size = _size_of(data)
+            if size is None and len(data) == _HEADER_BYTES and data.startswith(_JPEG_START):
+                # Embedded previews and colour profiles can push the frame header far back.
+                data += stream.read()
+                size = _size_of(data)
+    except OSError as error:
+        raise FrameError(f"{path} cannot be read: {error.strerror or error}.") from error
+    if size is None and data.startswith((_JPEG_START, _PNG_START)):
+        raise FrameError(f"{path} is truncated: it ends before its size is given.")
+    if size is None:
+        image = read_image(path)
+        size = (image.shape[1], image.shape[0])
+    return size
+
+
+def _incomplete(data: bytes) -> str | None:
+    """What is missing of a PNG or JPEG, in words; None if nothing is, or for another kind of file.
+
+    Decoders fill what is missing with grey, which is a measurement of nothing.
+    """
+    if not data:
+        return "is empty (0 bytes)"
+    truncated = f"is truncated: its data end after {len(data)} bytes, before the end of the picture"
+    if data.startswith(_PNG_START):
+        return None if data.endswith(_PNG_END) or _PNG_END in data else truncated
+    if data.startswith(_JPEG_START):
+        return None if data.endswith(_JPEG_END) or _jpeg_has_end(data) else truncated
+    return None
+
+
+def _jpeg_has_end(data: bytes) -> bool:
+    """Whether the end marker of the picture itself is there, also if a camera appended something to it."""
+    position = 2
+    while match := _JPEG_MARKER.search(data, position):
+        marker = data[match.end() - 1]
+        if marker == 0xD9:
+            return True
+        length = int.from_bytes(data[match.end() : match.end() + 2], "big")
+        position = match.end() + max(length, 2)
+    return False
+
+
+def _size_of(data: bytes) -> tuple[int, int] | None:
+    if data.startswith(_PNG_START):
+        if len(data) < 24:
+            return None
+        return int.from_bytes(data[16:20], "big"), int.from_bytes(data[20:24], "big")
+    if not data.startswith(_JPEG_START):
+        return None
+    position = 2
+    while match := _JPEG_MARKER.search(data, position):
+        marker, start = data[match.end() - 1], match.end()
+        if marker in _JPEG_FRAME_MARKERS:
+            if len(data) < start + 7:
+                return None
+            height, width = data[start + 3 : start + 5], data[start + 5 : start + 7]
+            return int.from_bytes(width, "big"), int.from_bytes(height, "big")
+        position = start + max(int.from_bytes(data[start : start + 2], "big"), 2)
+    return None
