@@ -1,0 +1,153 @@
+"""The commands and their options; what they do stands in the modules beside this one."""
+
+import sys
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from twinline import __version__
+from twinline.errors import CancelledError, TwinlineError
+
+app = typer.Typer(
+    name="twinline",
+    help="Control server for a cart scanner with twin line lasers, a camera and a ToF sensor.",
+    no_args_is_help=False,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+
+Method = Annotated[str, typer.Option("--method", help="How stripe centres are found (see `twinline stripes --help`).")]
+Channel = Annotated[
+    str, typer.Option("--channel", help="Light to measure: auto, gray, luma, red, green, blue or red-blue.")
+]
+Json = Annotated[bool, typer.Option("--json", help="Print a summary for machines on standard output.")]
+
+
+@app.callback(invoke_without_command=True)
+def _root(
+    context: typer.Context,
+    version: Annotated[bool, typer.Option("--version", help="Print the version and stop.")] = False,
+) -> None:
+    """Without a command: start the server on the simulated scanner."""
+    if version:
+        typer.echo(f"twinline {__version__}")
+        raise typer.Exit
+    if context.invoked_subcommand is None:
+        _serve({})
+
+
+@app.command()
+def serve(
+    host: Annotated[str | None, typer.Option(help="Address to listen on; loopback unless told otherwise.")] = None,
+    port: Annotated[int | None, typer.Option(help="Port to listen on.")] = None,
+    data_dir: Annotated[Path | None, typer.Option(help="Folder for captures, scans and jobs.")] = None,
+) -> None:
+    """Start the server; its panel opens at http://127.0.0.1:8080."""
+    given = {"host": host, "port": port, "data_dir": data_dir}
+    _serve({name: value for name, value in given.items() if value is not None})
+
+
+def _serve(overrides: dict[str, Any]) -> None:
+    from twinline.app import serve as run
+    from twinline.settings import load_settings
+
+    run(load_settings(**overrides))
+
+
+@app.command()
+def stripes(
+    images: Annotated[list[Path], typer.Argument(help="Pictures with one or two laser stripes.")],
+    output: Annotated[Path, typer.Option("-o", "--output", help="CSV to write.")],
+    method: Method = "maximum-likelihood",
+    channel: Channel = "auto",
+    runs: Annotated[str, typer.Option(help="along-u (one crossing per column), along-v (per row), or auto.")] = "auto",
+    lasers: Annotated[str, typer.Option(help="Stripes to look for: 1, 2 or auto.")] = "auto",
+    off: Annotated[Path | None, typer.Option(help="The same view with the lasers off; it is subtracted.")] = None,
+    noise: Annotated[
+        str | None,
+        typer.Option(
+            help="Noise model n,K,C: read noise (DN), electrons per DN, speckle contrast. Estimated if absent."
+        ),
+    ] = None,
+    overlay: Annotated[Path | None, typer.Option(help="Folder for pictures with the stripes drawn in.")] = None,
+    json: Json = False,
+) -> None:
+    """Find laser stripes in pictures, to a fraction of a pixel.
+
+    Writes image,laser,u,v,sd_px,amplitude,width_px,flags with one line per stripe and column (row, for stripes along
+    v). Of two stripes laser 1 is the one at larger v (u). Methods: maximum-likelihood, gaussian, centre-of-gravity,
+    steger, brightest-pixel.
+    """
+    from twinline.cli.stripes import StripesRequest, run_stripes
+
+    run_stripes(StripesRequest(tuple(images), output, method, channel, runs, lasers, off, noise, overlay, json))
+
+
+@app.command()
+def reconstruct(
+    capture: Annotated[Path, typer.Argument(help="Capture folder.")],
+    output: Annotated[Path, typer.Option("-o", "--output", help="Cloud to write: .ply or .glb.")],
+    rig: Annotated[
+        Path | None, typer.Option(help="Calibrated rig; else the folder's rig.json, else the nominal rig.")
+    ] = None,
+    method: Method = "maximum-likelihood",
+    channel: Channel = "auto",
+    sources: Annotated[str, typer.Option(help="Lasers to use: laser1,laser2.")] = "laser1,laser2",
+    every: Annotated[int, typer.Option(min=1, help="Use each n-th frame.")] = 1,
+    ascii_: Annotated[bool, typer.Option("--ascii", help="Write the PLY as text.")] = False,
+    workers: Annotated[int | None, typer.Option(min=1, help="Processes; all cores if absent.")] = None,
+    json: Json = False,
+) -> None:
+    """Turn the laser pass of a capture folder into a point cloud in millimetres."""
+    from twinline.cli.reconstruct import ReconstructRequest, run_reconstruct
+
+    wanted = frozenset(name.strip() for name in sources.split(",") if name.strip())
+    run_reconstruct(ReconstructRequest(capture, output, rig, method, channel, wanted, every, ascii_, workers, json))
+
+
+@app.command()
+def simulate(
+    output: Annotated[Path, typer.Option("-o", "--output", help="New capture folder.")],
+    scene: Annotated[str, typer.Option(help="three-objects, steps, sphere, relief or bed.")] = "three-objects",
+    seed: Annotated[int, typer.Option(help="Of the noise: equal seeds give equal pictures.")] = 1,
+    pitch: Annotated[float, typer.Option(help="Travel between frames, mm.")] = 0.5,
+) -> None:
+    """Render a capture folder of a built-in scene with the simulated scanner, its truth beside it."""
+    from twinline.cli.simulate import run_simulate
+
+    run_simulate(output, scene, seed, pitch)
+
+
+@app.command()
+def rig(
+    capture: Annotated[Path, typer.Argument(help="Capture folder.")],
+    output: Annotated[Path, typer.Option("-o", "--output", help="rig.json to write.")],
+) -> None:
+    """Write the nominal rig that a capture folder describes, as a start for a rig of your own."""
+    from twinline.recording.capture import open_capture
+    from twinline.recording.rig_file import write_rig
+
+    write_rig(output, open_capture(capture).rig())
+
+
+@app.command()
+def bench(json: Json = False) -> None:
+    """Measure speed and memory against reading the same bytes once and against the usual alternatives."""
+    from twinline.cli.bench import run_bench
+
+    run_bench(json=json)
+
+
+def main() -> None:
+    """Run the command line; exit status 0 only if the result is whole, errors in one sentence on stderr."""
+    try:
+        app(prog_name="twinline")
+    except CancelledError:
+        sys.exit(130)
+    except TwinlineError as error:
+        typer.echo(f"twinline: {error.detail}", err=True)
+        sys.exit(1)
+    except KeyboardInterrupt:
+        sys.exit(130)

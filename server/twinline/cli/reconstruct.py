@@ -1,0 +1,129 @@
+"""``twinline reconstruct``."""
+
+import json
+from concurrent.futures import ProcessPoolExecutor
+from contextlib import nullcontext
+from dataclasses import dataclass
+from multiprocessing import get_context
+from pathlib import Path
+
+import numpy as np
+import typer
+
+from twinline import __version__
+from twinline.cli.progress import progress
+from twinline.errors import InputError, OutputError, StripeError
+from twinline.geometry.rig import Rig
+from twinline.geometry.rig_json import rig_id
+from twinline.operations.exports.atomic import atomic_path
+from twinline.operations.exports.glb import write_glb
+from twinline.operations.exports.ply import write_ply
+from twinline.operations.exports.provenance import Provenance
+from twinline.reconstruction.offline import reconstruct
+from twinline.reconstruction.result import Reconstruction, ReconstructionOptions
+from twinline.recording.capture import Capture, open_capture
+from twinline.recording.rig_file import read_rig
+from twinline.stripe.model import CHANNELS, METHODS
+
+
+@dataclass(frozen=True)
+class ReconstructRequest:
+    """The options of the command."""
+
+    capture: Path
+    output: Path
+    rig: Path | None
+    method: str
+    channel: str
+    sources: frozenset[str]
+    every: int
+    ascii: bool
+    workers: int | None
+    json: bool
+
+    def options(self) -> ReconstructionOptions:
+        """As the reconstruction takes them."""
+        if self.method not in METHODS:
+            raise StripeError(f"--method {self.method}: choose one of {', '.join(METHODS)}.")
+        if self.channel not in CHANNELS:
+            raise StripeError(f"--channel {self.channel}: choose one of {', '.join(CHANNELS)}.")
+        if not self.sources:
+            raise InputError("--sources is empty: name laser1, laser2 or both.")
+        return ReconstructionOptions(self.method, self.sources, self.every, self.channel)
+
+
+def run_reconstruct(request: ReconstructRequest) -> None:
+    """Reconstruct a capture and write its cloud."""
+    options = request.options()
+    if request.output.suffix.lower() not in (".ply", ".glb"):
+        raise OutputError(f"{request.output}: the cloud is written as .ply or .glb; choose one of these endings.")
+    capture = open_capture(request.capture)
+    rig = choose_rig(capture, request.rig)
+    # Opened before the work, so that a path that cannot be written costs no minutes.
+    with atomic_path(request.output) as target:
+        result = _reconstruct(request, capture, rig, options)
+        provenance = Provenance(rig_id(rig), capture.info.name, __version__)
+        if request.output.suffix.lower() == ".ply":
+            write_ply(target, result.cloud, provenance, ascii=request.ascii)
+        else:
+            write_glb(target, result.cloud, provenance)
+    _tell(request, rig, result)
+
+
+def choose_rig(capture: Capture, given: Path | None) -> Rig:
+    """The given rig, else the capture folder's own rig.json, else the nominal one."""
+    if given is not None:
+        return read_rig(given)
+    own = capture.path / "rig.json"
+    return read_rig(own) if own.is_file() else capture.rig()
+
+
+def _reconstruct(
+    request: ReconstructRequest, capture: Capture, rig: Rig, options: ReconstructionOptions
+) -> Reconstruction:
+    pool = (
+        ProcessPoolExecutor(request.workers, mp_context=get_context("spawn"))
+        if request.workers is not None
+        else nullcontext()
+    )
+    with progress("Frames", quiet=request.json) as report, pool as executor:
+        return reconstruct(capture, rig, options, executor=executor, report=report)
+
+
+def _tell(request: ReconstructRequest, rig: Rig, result: Reconstruction) -> None:
+    cloud = result.cloud
+    for warning in result.warnings:
+        typer.echo(f"twinline: {warning}", err=True)
+    if result.problem_count:
+        first = result.problems[0]
+        typer.echo(
+            f"twinline: {result.problem_count} of {result.frames} frames gave no points; the first is {first.frame}: "
+            f"{first.reason}.",
+            err=True,
+        )
+    low, high = cloud.points_mm.min(axis=0), cloud.points_mm.max(axis=0)
+    sigma = float(np.median(cloud.sigma_mm))
+    if request.json:
+        summary = {
+            "output": str(request.output),
+            "rig": rig.name,
+            "rig_id": rig_id(rig),
+            "points": len(cloud),
+            "frames": result.frames,
+            "frames_used": result.frames_used,
+            "problem_count": result.problem_count,
+            "problems": [{"frame": p.frame, "reason": p.reason} for p in result.problems],
+            "counts": result.counts,
+            "warnings": list(result.warnings),
+            "low_mm": low.tolist(),
+            "high_mm": high.tolist(),
+            "median_sigma_mm": sigma,
+            "elapsed_s": result.elapsed_s,
+        }
+        typer.echo(json.dumps(summary, indent=1))
+        return
+    size = " x ".join(f"{v:.1f}" for v in high - low)
+    typer.echo(
+        f"{len(cloud)} points from {result.frames_used} of {result.frames} frames, {size} mm, median sigma "
+        f"{sigma:.3f} mm, in {result.elapsed_s:.1f} s: {request.output}"
+    )
