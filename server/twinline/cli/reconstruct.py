@@ -115,6 +115,15 @@ def _tell(request: ReconstructRequest, rig: Rig, result: Reconstruction) -> None
             "problems": [{"frame": p.frame, "reason": p.reason} for p in result.problems],
             "counts": result.counts,
             "warnings": list(result.warnings),
+            "channel": result.channel,
+            "noise": {
+                "read_dn": result.noise.read_dn,
+                # JSON knows no infinity.
+                "electrons_per_dn": result.noise.electrons_per_dn
+                if np.isfinite(result.noise.electrons_per_dn)
+                else None,
+                "speckle": result.noise.speckle,
+            },
             "low_mm": low.tolist(),
             "high_mm": high.tolist(),
             "median_sigma_mm": sigma,

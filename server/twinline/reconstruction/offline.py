@@ -101,6 +101,8 @@ def reconstruct(
         counts=account.counts(cloud, edges.rejected),
         warnings=_warnings(plan, rig),
         elapsed_s=time.perf_counter() - start,
+        channel=plan.settings.channel,
+        noise=plan.noise,
     )
 
 
@@ -150,12 +152,6 @@ def _warnings(plan: Plan, rig: Rig) -> tuple[str, ...]:
     warnings = []
     if all(source == "nominal" for source in rig.sources.values()):
         warnings.append("The rig is nominal, not calibrated: expect errors of millimetres.")
-    if plan.rig.noise is None:
-        n = plan.noise
-        warnings.append(
-            f"The rig has no noise model; estimated from the frames: read noise {n.read_dn:g} DN, "
-            f"speckle contrast {n.speckle:g}."
-        )
     if len(plan.drift.cart_mm):
         shift = float(np.median(plan.drift.shift_px))
         warnings.append(

@@ -4,6 +4,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 
 from twinline.fusion.cloud import PointCloud
+from twinline.geometry.noise import NoiseModel
 from twinline.stripe.model import Channel, Method
 
 Report = Callable[[int, int], None]
@@ -58,6 +59,8 @@ class Reconstruction:
         Frames that could not be read or held no stripe (the first 100 are kept; `problem_count` counts all).
     counts
         Points per source and rejected columns per reason.
+    channel, noise
+        The light that was measured, and the noise model of its pixels (the rig's, or estimated from the frames).
     """
 
     cloud: PointCloud
@@ -68,3 +71,5 @@ class Reconstruction:
     counts: dict[str, int] = field(default_factory=dict)
     warnings: tuple[str, ...] = ()
     elapsed_s: float = 0.0
+    channel: Channel = "auto"
+    noise: NoiseModel = field(default_factory=NoiseModel)
