@@ -1,5 +1,6 @@
 """The commands and their options; what they do stands in the modules beside this one."""
 
+import os
 import sys
 from pathlib import Path
 from typing import Annotated, Any
@@ -133,6 +134,23 @@ def rig(
 
 
 @app.command()
+def board(
+    output: Annotated[Path, typer.Option("-o", "--output", help="PDF to write.")],
+    kind: Annotated[str, typer.Option(help="chessboard, charuco, circles or asymmetric-circles.")] = "charuco",
+    columns: Annotated[int, typer.Option(help="Inner corners (circles) in a row.")] = 9,
+    rows: Annotated[int, typer.Option(help="Rows of inner corners (circles).")] = 6,
+    square: Annotated[float, typer.Option(help="Side of a square, or distance of circles, mm.")] = 18.0,
+    marker: Annotated[float | None, typer.Option(help="Side of a ChArUco marker, mm; 0.75 squares if absent.")] = None,
+    dictionary: Annotated[str, typer.Option(help="ChArUco marker dictionary.")] = "DICT_5X5_100",
+    paper: Annotated[str, typer.Option(help="A4, A3, A2, A1, letter or tabloid.")] = "A4",
+) -> None:
+    """Write a calibration board as a PDF to print at 100 %, with a bar to measure."""
+    from twinline.cli.board import BoardRequest, run_board
+
+    run_board(BoardRequest(output, kind, columns, rows, square, marker, dictionary, paper))
+
+
+@app.command()
 def bench(json: Json = False) -> None:
     """Measure speed and memory against reading the same bytes once and against the usual alternatives."""
     from twinline.cli.bench import run_bench
@@ -142,6 +160,9 @@ def bench(json: Json = False) -> None:
 
 def main() -> None:
     """Run the command line; exit status 0 only if the result is whole, errors in one sentence on stderr."""
+    # OpenCV and FFmpeg would add their own words to it, of which none name the file.
+    os.environ.setdefault("OPENCV_LOG_LEVEL", "OFF")
+    os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
     try:
         app(prog_name="twinline")
     except CancelledError:

@@ -13,6 +13,7 @@ import typer
 from twinline import __version__
 from twinline.cli.progress import progress
 from twinline.errors import InputError, OutputError, StripeError
+from twinline.fusion.cloud import PointCloud
 from twinline.geometry.rig import Rig
 from twinline.geometry.rig_json import rig_id
 from twinline.operations.exports.atomic import atomic_path
@@ -62,12 +63,19 @@ def run_reconstruct(request: ReconstructRequest) -> None:
     # Opened before the work, so that a path that cannot be written costs no minutes.
     with atomic_path(request.output) as target:
         result = _reconstruct(request, capture, rig, options)
-        provenance = Provenance(rig_id(rig), capture.info.name, __version__)
-        if request.output.suffix.lower() == ".ply":
-            write_ply(target, result.cloud, provenance, ascii=request.ascii)
-        else:
-            write_glb(target, result.cloud, provenance)
+        try:
+            _write(target, result.cloud, Provenance(rig_id(rig), capture.info.name, __version__), ascii=request.ascii)
+        except OutputError as error:
+            # The temporary name means nothing to whoever reads the message.
+            raise OutputError(error.detail.replace(str(target), str(request.output)), code=error.code) from error
     _tell(request, rig, result)
+
+
+def _write(target: Path, cloud: PointCloud, provenance: Provenance, *, ascii: bool) -> None:
+    if target.suffix.lower() == ".ply":
+        write_ply(target, cloud, provenance, ascii=ascii)
+    else:
+        write_glb(target, cloud, provenance)
 
 
 def choose_rig(capture: Capture, given: Path | None) -> Rig:

@@ -46,7 +46,10 @@ def scalar(cloud: PointCloud, mode: ColourMode) -> FloatArray | None:
 
 
 def value_range(parts: Sequence[FloatArray | None]) -> tuple[float, float] | None:
-    """Ends of a scale: the 1st and 99th percentile, so that a few wild points do not wash out the rest.
+    """Ends of a scale, so that a few wild points do not wash out the rest.
+
+    Most of a scan is bare bed, so that the top of a small object is a matter of thousandths of the points; what lies
+    further out than the middle 98 % are long is taken as wild.
 
     Parameters
     ----------
@@ -59,14 +62,15 @@ def value_range(parts: Sequence[FloatArray | None]) -> tuple[float, float] | Non
         None where there is no number.
     """
     known = [part for part in parts if part is not None]
-    # A stride bounds the cost of sorting; a percentile of 50 000 numbers is good to half a per cent.
+    # A stride bounds the cost of sorting; of 50 000 numbers fifty lie beyond either end.
     stride = max(1, sum(len(part) for part in known) // 50_000)
     sample = np.concatenate([part[::stride] for part in known]) if known else np.empty(0)
     sample = sample[np.isfinite(sample)]
     if not len(sample):
         return None
-    low, high = np.percentile(sample, (1, 99))
-    return float(low), float(high)
+    lowest, low, high, highest = np.percentile(sample, (0.1, 1.0, 99.0, 99.9))
+    reach = high - low
+    return float(max(lowest, low - reach)), float(min(highest, high + reach))
 
 
 def colours(cloud: PointCloud, mode: ColourMode, ends: tuple[float, float] | None) -> ByteArray:

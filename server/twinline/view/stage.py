@@ -243,7 +243,7 @@ def _spacing_mm(points: FloatArray) -> float:
     apart.
     """
     cells = np.unique(np.floor(points[:, :2] / CELL_MM).astype(np.int32), axis=0)
-    return float(np.clip(1.3 * CELL_MM * np.sqrt(len(cells) / len(points)), 0.05, 2.0))
+    return float(np.clip(CELL_MM * np.sqrt(len(cells) / len(points)), 0.05, 2.0))
 
 
 def _outgrown(old: tuple[float, float] | None, new: tuple[float, float] | None) -> bool:

@@ -50,7 +50,15 @@ def test_a_few_wild_points_do_not_wash_out_the_scale() -> None:
     values[:5] = 1e6
     ends = value_range([values[:400], None, values[400:]])
     assert ends is not None
-    assert ends[1] < 11.0
+    assert ends[1] < 21.0
+
+
+def test_the_top_of_a_small_object_on_a_large_bed_is_on_the_scale() -> None:
+    rng = np.random.default_rng(5)
+    values = np.concatenate([rng.normal(0.0, 0.05, 50_000), np.linspace(0.0, 19.0, 1200), np.linspace(19.0, 28.0, 200)])
+    ends = value_range([values])
+    assert ends is not None
+    assert ends[1] > 24.0
 
 
 def test_sources_have_colours_that_differ() -> None:

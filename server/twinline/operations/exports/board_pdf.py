@@ -40,7 +40,9 @@ def board_page_mm(board: Board, paper: Paper) -> tuple[float, float]:
         ``bad-board`` if it fits neither way, or there is no such paper.
     """
     if paper not in get_args(Paper):
-        raise CalibrationError(f"There is no paper {paper!r}; use one of {', '.join(get_args(Paper))}.", code="bad-board")
+        raise CalibrationError(
+            f"There is no paper {paper!r}; use one of {', '.join(get_args(Paper))}.", code="bad-board"
+        )
     width, height = board_size_mm(board)
     short, long = PAPERS_MM[paper]
     for page in ((short, long), (long, short)):
