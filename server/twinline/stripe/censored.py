@@ -210,6 +210,37 @@ def _climb(
 
 
 @njit(cache=True, error_model="numpy")
+def _observe(
+    y: FloatArray, clipped: ByteArray, n: int, theta: FloatArray, noise: FloatArray, level: float, usual: float,
+    prior: float, information: FloatArray,
+) -> None:  # fmt: skip
+    """Replace the expected information by the likelihood's own curvature at the maximum, where that is definite.
+
+    Clipped pixels make the likelihood far from quadratic in width and height, and the expectation over all that might
+    have been seen says little of the one profile that was.
+    """
+    observed, spare = np.empty((UNKNOWNS, UNKNOWNS)), np.empty((UNKNOWNS, UNKNOWNS))
+    up, down, at, unit, answer = (np.zeros(UNKNOWNS), np.empty(UNKNOWNS), np.empty(UNKNOWNS), np.zeros(UNKNOWNS),
+                                  np.empty(UNKNOWNS))  # fmt: skip
+    for p in range(UNKNOWNS):
+        h = 0.05 * math.sqrt(1.0 / max(information[p, p], 1e-12))
+        at[:] = theta
+        at[p] = theta[p] + h
+        _score(y, clipped, n, at, noise, level, usual, prior, spare, up)
+        at[p] = theta[p] - h
+        _score(y, clipped, n, at, noise, level, usual, prior, spare, down)
+        for q in range(UNKNOWNS):
+            observed[p, q] = (down[q] - up[q]) / (2.0 * h)
+    for p in range(UNKNOWNS):
+        for q in range(p + 1):
+            observed[p, q] = 0.5 * (observed[p, q] + observed[q, p])
+    spare[:] = observed
+    unit[0] = 1.0
+    if solve(spare, unit, answer) and answer[0] > 0.0:
+        information[:] = observed
+
+
+@njit(cache=True, error_model="numpy")
 def _window(
     flat: ByteArray, off: ByteArray, has_off: bool, step: int, channel: int, minus: int, column: int, row: int,
     low: int, high: int, reach: int, saturation: int, y: FloatArray, clipped: ByteArray,
@@ -280,6 +311,8 @@ def fit_carefully(
         a = math.exp(theta[2])
         if not (theta[0] > -0.5 and theta[0] < n - 0.5):
             continue
+        if free < n:
+            _observe(y, clipped, n, theta, noise, level, usual_width, prior, information)
         for p in (0, 2):
             unit[:] = 0.0
             unit[p] = 1.0

@@ -22,6 +22,7 @@ GRAVITY_REACH = 7
 GAUSSIAN_REACH = 15
 STEGER_WIDTH_PX = 2.0
 STEGER_REACH = 8
+_PIXEL_SNR = 5.0
 
 _BRIGHTEST, _GRAVITY, _GAUSSIAN, _STEGER = range(4)
 _CODES = {
@@ -69,6 +70,9 @@ def _fit(
             continue
         # The background is the mean of the two ends: the minimum would be biased by the noise.
         background = 0.25 * (y[0] + y[1] + y[n - 2] + y[n - 1])
+        if code != _GAUSSIAN and y[peak] - background < _PIXEL_SNR * read_dn:
+            # These take their amplitude from one pixel, the highest of hundreds, which noise alone makes 3.5 n high.
+            continue
         if code == _GAUSSIAN:
             _gaussian(y, n, peak, background, read_dn, out, j)
         elif code == _STEGER:
@@ -130,7 +134,10 @@ def _steger(y: FloatArray, n: int, peak: int, background: float, read_dn: float,
         return
     out[MU, j] = at + shift
     out[SD, j] = read_dn * math.sqrt(first2) / -second
-    a = max(y[peak] - background, 1.0)
+    a = y[peak] - background
+    if not a > 0.0:
+        out[MU, j] = out[SD, j] = math.nan
+        return
     out[AMPLITUDE, j] = a
     # For a Gaussian of width w smoothed with s: -r'' = a w / (w^2 + s^2)^1.5; two fixed-point steps suffice here.
     w = s

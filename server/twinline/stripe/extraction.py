@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from twinline.arrays import BoolArray, ByteArray, FloatArray, IntArray
+from twinline.arrays import ByteArray, FloatArray, IntArray
 from twinline.errors import StripeError
 from twinline.geometry.noise import NoiseModel
 from twinline.geometry.rig import StripeRuns
@@ -13,17 +13,14 @@ from twinline.stripe.continuity import broken_columns, fragments
 from twinline.stripe.light import Light, take_light
 from twinline.stripe.model import ExtractionSettings, Flag, StripeProfile
 from twinline.stripe.noise import estimate_noise, read_noise
-from twinline.stripe.peaks import TILE_COLUMNS, find_peaks
+from twinline.stripe.peaks import find_peaks, tile_bands
 from twinline.stripe.tables import LOWEST_AMPLITUDE_DN, SLOPE_SCALE, WIDTH_CLASSES, filter_table
+from twinline.stripe.verdict import enter_fits, enter_runners_up, median, settle_width, significant
+from twinline.stripe.width import sample_places, usual_width
 
 _CAREFUL_REACH_WIDTHS = 7.0
-_SAMPLED_COLUMNS = 96
-_SAMPLED_REACH = 48
 _COARSE_GRAIN = (0.28, 1.4)
 """Speckle contrast above which, and width in pixels below which, only the full likelihood stays near the bound."""
-_NARROWEST = 0.5
-"""A peak narrower than this share of the usual width is a hot pixel or noise, not a stripe. Below 0.6 px, the narrowest
-table, nothing is accepted: no lens draws a finer line."""
 _WIDTH_SPREAD = (0.06, 0.5)
 """Least and most assumed relative spread of a stripe's width along one image."""
 
@@ -81,22 +78,6 @@ def extract_light(light: Light, bands: IntArray, settings: ExtractionSettings, n
     return profile
 
 
-def tile_bands(bands: IntArray) -> IntArray:
-    """Bands per tile of columns, (lasers, tiles, 2): the hull of the columns' bands, split where two lasers overlap."""
-    lasers, columns = bands.shape[:2]
-    starts = np.arange(0, columns, TILE_COLUMNS)
-    tiles = np.empty((lasers, len(starts), 2), np.int32)
-    tiles[..., 0] = np.minimum.reduceat(bands[..., 0], starts, axis=1)
-    tiles[..., 1] = np.maximum.reduceat(bands[..., 1], starts, axis=1)
-    if lasers == 2:
-        upper, lower = (0, 1) if bands[0, :, 0].mean() < bands[1, :, 0].mean() else (1, 0)
-        overlap = tiles[upper, :, 1] > tiles[lower, :, 0]
-        middle = (tiles[upper, :, 1] + tiles[lower, :, 0]) // 2
-        tiles[upper, overlap, 1] = middle[overlap]
-        tiles[lower, overlap, 0] = middle[overlap]
-    return tiles
-
-
 def _bands(light: Light, bands: IntArray | None) -> IntArray:
     if bands is None:
         whole = np.zeros((1, light.columns, 2), np.int32)
@@ -116,90 +97,29 @@ def _fit_laser(
     if not len(columns):
         return
     fit = fit_at(light, settings, noise, columns, peak[columns])
-    usual = _median_width(fit)
-    found = _significant(fit, settings, noise, usual)
-    again = np.flatnonzero(~found & (runner_up[columns] >= 0))
+    usual = median(fit[tabulated.WIDTH], 1.0)
+    found = significant(fit, noise.read_dn, settings.detection_snr, usual)
     swapped = np.zeros(len(columns), bool)
-    if len(again):
+    if not found.all() and len(again := np.flatnonzero(~found & (runner_up[columns] >= 0))):
         second = fit_at(light, settings, noise, columns[again], runner_up[columns[again]])
-        better = _significant(second, settings, noise, usual)
+        better = significant(second, noise.read_dn, settings.detection_snr, usual)
         fit[:, again[better]] = second[:, better]
         swapped[again[better]] = True
         found[again[better]] = True
-    _write(light, settings, noise, columns, fit, found, usual, profile, laser)
-    background = fit[tabulated.BACKGROUND]
-    other = np.where(swapped, np.nan, runner_up_value[columns] - background)
-    real = other > 5.0 * noise.read_dn
-    profile.runner_up_dn[laser, columns] = np.where(real, other, np.nan)
-    profile.runner_up_px[laser, columns] = np.where(real, runner_up[columns], np.nan)
-    strong = real & (other > 0.5 * fit[tabulated.AMPLITUDE])
-    profile.flags[laser, columns] |= np.where(strong, int(Flag.SECOND_PEAK), 0).astype(np.uint16)
-
-
-def _detection_snr(fit: FloatArray, noise: NoiseModel) -> FloatArray:
-    """Amplitude over its standard deviation if there were no stripe: then there would be no speckle either.
-
-    For a Gaussian of width w on a free background that is ``0.92 n / sqrt(w)`` (Fisher information of amplitude and
-    width, background from a long window).
-    """
-    return np.asarray(fit[tabulated.AMPLITUDE] * np.sqrt(fit[tabulated.WIDTH]) / (0.92 * noise.read_dn))
-
-
-def _significant(fit: FloatArray, settings: ExtractionSettings, noise: NoiseModel, usual: float) -> BoolArray:
-    with np.errstate(invalid="ignore"):
-        wide_enough = fit[tabulated.WIDTH] > _NARROWEST * usual
-        snr = _detection_snr(fit, noise)
-        return np.asarray(np.isfinite(fit[tabulated.MU]) & (snr > settings.detection_snr) & wide_enough)
-
-
-def _median_width(fit: FloatArray) -> float:
-    width = fit[tabulated.WIDTH]
-    return float(np.nanmedian(width)) if np.isfinite(width).any() else 1.0
-
-
-def _write(
-    light: Light, settings: ExtractionSettings, noise: NoiseModel, columns: IntArray, fit: FloatArray,
-    found: BoolArray, typical: float, profile: StripeProfile, laser: int,
-) -> None:  # fmt: skip
-    """Put the fits of one laser into the profile, with their flags."""
-    kept = columns[found]
-    good = fit[:, found]
-    mu, width = good[tabulated.MU], good[tabulated.WIDTH]
-    profile.centre_px[laser, kept] = mu
-    profile.sd_px[laser, kept] = good[tabulated.SD]
-    profile.amplitude_dn[laser, kept] = good[tabulated.AMPLITUDE]
-    profile.width_px[laser, kept] = width
-    profile.background_dn[laser, kept] = good[tabulated.BACKGROUND]
-    profile.misfit[laser, kept] = good[tabulated.MISFIT]
-    snr = _detection_snr(good, noise)
-    rows = np.clip(np.rint(mu).astype(np.int64), 0, light.rows - 1)
-    top = light.flat[rows, kept * light.step + light.channel]
-    reach = 2.0 * width
-    flags = np.zeros(len(kept), np.uint16)
-    for flag, where in (
-        (Flag.WEAK, snr < 2 * settings.detection_snr),
-        (Flag.WIDE, width > 2.0 * typical),
-        (Flag.NARROW, width < max(0.55, 0.7 * typical)),
-        (Flag.SATURATED, top >= settings.saturation_dn),
-        (Flag.NEAR_EDGE, (mu < reach) | (mu > light.rows - 1 - reach)),
-        (Flag.POOR_FIT, good[tabulated.MISFIT] > _misfit_limit(good[tabulated.MISFIT])),
-    ):
-        flags |= np.where(where, int(flag), 0).astype(np.uint16)
-    profile.flags[laser, kept] = flags
-    drop = fragments(profile.centre_px[laser], profile.sd_px[laser], profile.flags[laser])
+    flags = profile.flags[laser]
+    enter_fits(fit, found, columns, light.flat, light.step, light.channel, settings.saturation_dn, noise.read_dn,
+               settings.detection_snr, usual, profile.centre_px[laser], profile.sd_px[laser],
+               profile.amplitude_dn[laser], profile.width_px[laser], profile.background_dn[laser],
+               profile.misfit[laser], flags)  # fmt: skip
+    drop = fragments(profile.centre_px[laser], profile.sd_px[laser], flags)
     if drop.any():
         for values in (profile.centre_px, profile.sd_px, profile.amplitude_dn, profile.width_px, profile.background_dn,
                        profile.misfit):  # fmt: skip
             values[laser, drop] = np.nan
-        profile.flags[laser, drop] = int(Flag.MISSING)
-    broken = broken_columns(profile.centre_px[laser], profile.sd_px[laser])
-    profile.flags[laser] |= np.where(broken, int(Flag.BROKEN), 0).astype(np.uint16)
-
-
-def _misfit_limit(misfit: FloatArray) -> float:
-    """A stripe fits poorly when it does so by far compared with its fellows: the noise model may be a little off."""
-    usual = float(np.nanmedian(misfit)) if np.isfinite(misfit).any() else 1.0
-    return 4.0 * max(usual, 1.0)
+        flags[drop] = int(Flag.MISSING)
+    flags[broken_columns(profile.centre_px[laser], profile.sd_px[laser])] |= int(Flag.BROKEN)
+    enter_runners_up(fit, swapped, columns, runner_up, runner_up_value, noise.read_dn, profile.runner_up_px[laser],
+                     profile.runner_up_dn[laser], flags)  # fmt: skip
 
 
 def fit_at(
@@ -220,17 +140,18 @@ def fit_at(
         return _careful(light, settings, noise, columns, rows, width, prior)
     classes = range(len(WIDTH_CLASSES))
     first = _width_class(width)
-    todo: IntArray = np.arange(len(columns))
-    narrow: list[IntArray] = []
-    careful: list[IntArray] = []
-    for index in classes[first:]:
-        outcome = _tabulated(light, settings, noise, columns, rows, todo, index, width, prior, out)
-        careful.append(todo[outcome == tabulated.NEEDS_CARE])
-        if index == first:
-            narrow.append(todo[outcome == tabulated.TOO_NARROW])
-        todo = todo[outcome == tabulated.TOO_WIDE]
+    outcome = _run_table(light, settings, noise, columns, rows, first, width, prior, out)
+    if (outcome == tabulated.DONE).all():
+        return out
+    todo: IntArray = np.flatnonzero(outcome == tabulated.TOO_WIDE)
+    narrow: list[IntArray] = [np.flatnonzero(outcome == tabulated.TOO_NARROW)]
+    careful: list[IntArray] = [np.flatnonzero(outcome == tabulated.NEEDS_CARE)]
+    for index in classes[first + 1 :]:
         if not len(todo):
             break
+        outcome = _tabulated(light, settings, noise, columns, rows, todo, index, width, prior, out)
+        careful.append(todo[outcome == tabulated.NEEDS_CARE])
+        todo = todo[outcome == tabulated.TOO_WIDE]
     for index in reversed(classes[:first]):
         todo = narrow.pop()
         outcome = _tabulated(light, settings, noise, columns, rows, todo, index, width, prior, out)
@@ -251,19 +172,11 @@ def _settled_width(
     """
     width = usual_width(light, columns, rows)
     index = _width_class(width)
-    sample = np.unique(np.linspace(0, len(columns) - 1, min(_SAMPLED_COLUMNS, len(columns))).astype(np.int64))
-    out = np.full((tabulated.RESULTS, len(columns)), np.nan)
-    outcome = _tabulated(light, settings, noise, columns, rows, sample, index, width, 0.0, out)
-    done = sample[outcome == tabulated.DONE]
-    good = done[_significant(out[:, done], settings, noise, 1.0)]
-    if len(good) <= len(sample) // 2:
-        return width, _WIDTH_SPREAD[1]
-    widths = out[tabulated.WIDTH, good]
-    middle = float(np.median(widths))
-    spread = 1.4826 * float(np.median(np.abs(widths - middle)))
-    explained = float(np.median(out[tabulated.SD, good]))
-    own = np.sqrt(max(spread**2 - explained**2, 0.0)) / middle
-    return middle, float(np.clip(own, *_WIDTH_SPREAD))
+    sample = sample_places(len(columns))
+    out = np.full((tabulated.RESULTS, len(sample)), np.nan)
+    outcome = _run_table(light, settings, noise, columns[sample], rows[sample], index, width, 0.0, out)
+    middle, spread = settle_width(out, outcome, noise.read_dn, settings.detection_snr, _WIDTH_SPREAD)
+    return (middle if np.isfinite(middle) else width), spread
 
 
 def _width_class(width: float) -> int:
@@ -276,18 +189,27 @@ def _tabulated(
     index: int, width: float, prior: float, out: FloatArray,
 ) -> ByteArray:  # fmt: skip
     """Fit the columns ``todo`` with one width class, writing into ``out``; returns their outcomes."""
-    outcome = np.zeros(len(todo), np.uint8)
-    if not len(todo):
+    part = np.full((tabulated.RESULTS, len(todo)), np.nan)
+    outcome = _run_table(light, settings, noise, columns[todo], rows[todo], index, width, prior, part)
+    out[:, todo] = part
+    return outcome
+
+
+def _run_table(
+    light: Light, settings: ExtractionSettings, noise: NoiseModel, columns: IntArray, rows: IntArray, index: int,
+    width: float, prior: float, out: FloatArray,
+) -> ByteArray:  # fmt: skip
+    """Fit columns with one width class, writing into ``out`` where that succeeds; returns their outcomes."""
+    outcome = np.zeros(len(columns), np.uint8)
+    if not len(columns):
         return outcome
     width_class = WIDTH_CLASSES[index]
     table = filter_table(width_class, noise)
     fit = tabulated.fit_32 if width_class.taps == 32 else tabulated.fit_64
-    part = np.full((tabulated.RESULTS, len(todo)), np.nan)
     fit(light.flat, light.off, light.has_off, light.step, light.channel, light.minus, settings.saturation_dn,
-        columns[todo], rows[todo].copy(), width, prior, width_class.binning, table.filters, table.sd,
+        columns, rows.copy(), width, prior, width_class.binning, table.filters, table.sd,
         table.sd_amplitude, table.sd_width, table.weights, width_class.narrowest, width_class.widest,
-        LOWEST_AMPLITUDE_DN, float(SLOPE_SCALE), part, outcome)  # fmt: skip
-    out[:, todo] = part
+        LOWEST_AMPLITUDE_DN, float(SLOPE_SCALE), out, outcome)  # fmt: skip
     return outcome
 
 
@@ -303,28 +225,6 @@ def _careful(
                   columns, rows, width, prior, reach, parameters, out, outcome)  # fmt: skip
     out[:, outcome != tabulated.DONE] = np.nan
     return out
-
-
-def usual_width(light: Light, columns: IntArray, rows: IntArray) -> float:
-    """Width (standard deviation, pixels) of the stripe, from the mean profile of a sample of columns."""
-    sample = np.unique(np.linspace(0, len(columns) - 1, min(_SAMPLED_COLUMNS, len(columns))).astype(np.int64))
-    offsets = np.arange(-_SAMPLED_REACH, _SAMPLED_REACH + 1)[:, None]
-    near = light.values(np.clip(rows[sample] + offsets, 0, light.rows - 1), columns[sample])
-    height = near[_SAMPLED_REACH] - np.median(near, axis=0)
-    if not np.max(height) > 0.0:
-        return 2.0
-    mean = near[:, height > 0.3 * np.max(height)].mean(axis=1)
-    # The brightest pixel was chosen for being bright: under speckle it tells nothing of the profile's height.
-    middle = mean[_SAMPLED_REACH - 1 : _SAMPLED_REACH + 2]
-    top = max(middle[0], middle[2])
-    quarter = _SAMPLED_REACH // 2
-    left_level, right_level = mean[:quarter].mean(), mean[-quarter:].mean()
-    rise = (right_level - left_level) / (len(mean) - quarter)
-    low = 0.5 * (left_level + right_level) + rise * np.arange(-_SAMPLED_REACH, _SAMPLED_REACH + 1)
-    above = mean - low > 0.5 * (top - low[_SAMPLED_REACH])
-    right = int(np.argmin(np.append(above[_SAMPLED_REACH + 1 :], False)))
-    left = int(np.argmin(np.append(above[_SAMPLED_REACH - 1 :: -1], False)))
-    return float(np.clip((left + right + 1) / 2.355, 0.7, 20.0))
 
 
 __all__ = ["extract", "extract_light", "fit_at", "read_noise", "tile_bands", "usual_width"]

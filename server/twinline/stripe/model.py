@@ -116,7 +116,7 @@ class ExtractionSettings:
     channel
         Which light is measured. "auto" takes gray pictures as they are and red in colour pictures.
     noise
-        Noise of the pixels; None estimates the read noise from each image and assumes no speckle.
+        Noise of the pixels; None estimates it from each picture (`twinline.stripe.noise`).
     saturation_dn
         Pixels at or above this level only say "at least so bright".
     detection_snr

@@ -18,45 +18,63 @@ RESULTS = 7
 
 @njit(cache=True, error_model="numpy", fastmath=_FAST)
 def _gather(
-    flat: ByteArray, off: ByteArray, has_off: bool, step: int, channel: int, minus: int, columns: IntArray,
-    rows: IntArray, first: int, last: int, taps: int, binning: int, saturation: int, window: FloatArray,
-    care: ByteArray,
+    pixels: ByteArray, unlit: ByteArray, has_off: bool, height: int, pitch: int, step: int, channel: int, minus: int,
+    columns: IntArray, rows: IntArray, first: int, last: int, taps: int, binning: int, saturation: int,
+    raw: ByteArray, beside: ByteArray, window: FloatArray, care: ByteArray,
 ) -> None:  # fmt: skip
     """Copy each column's window, averaged to taps; note columns that are saturated or cut by the border."""
-    height = flat.shape[0]
     before = (taps // 2 - 1) * binning + (binning - 1) // 2
+    down = np.uint64(pitch)
+    plain = binning == 1 and minus < 0 and not has_off
     for j in range(first, last):
         top = rows[j] - before
-        at = columns[j] * step + channel
-        under = columns[j] * step + minus
-        line = window[j - first]
-        if top < 0 or top + taps * binning > height:
-            care[j - first] = np.uint8(1)
+        care[j - first] = np.uint8(top < 0 or top + taps * binning > height)
+        if care[j - first] != 0:
             continue
-        care[j - first] = np.uint8(0)
+        place = np.uint64(top) * down + np.uint64(columns[j] * step + channel)
+        line = np.uint64((j - first) * taps)
+        if plain:
+            for k in range(taps):
+                raw[line + np.uint64(k)] = pixels[place]
+                place += down
+            continue
+        under = place - np.uint64(channel - minus) if minus >= 0 else place
         brightest = np.uint8(0)
-        if binning == 1 and minus < 0 and not has_off:
+        if binning == 1 and not has_off:
             for k in range(taps):
-                value = flat[top + k, at]
+                raw[line + np.uint64(k)] = pixels[place]
+                beside[line + np.uint64(k)] = pixels[under]
+                place += down
+                under += down
+            continue
+        for k in range(taps):
+            total = np.int64(0)
+            for _ in range(binning):
+                value = pixels[place]
                 brightest = max(brightest, value)
-                line[k] = np.float32(value)
-        else:
-            for k in range(taps):
-                total = np.int64(0)
-                for i in range(binning):
-                    r = top + k * binning + i
-                    value = flat[r, at]
-                    brightest = max(brightest, value)
-                    total += np.int64(value)
+                total += np.int64(value)
+                if has_off:
+                    total -= np.int64(unlit[place])
+                if minus >= 0:
+                    total -= np.int64(pixels[under])
                     if has_off:
-                        total -= np.int64(off[r, at])
-                    if minus >= 0:
-                        total -= np.int64(flat[r, under])
-                        if has_off:
-                            total += np.int64(off[r, under])
-                line[k] = np.float32(total) / np.float32(binning)
-        if brightest >= saturation:
-            care[j - first] = np.uint8(1)
+                        total += np.int64(unlit[under])
+                place += down
+                under += down
+            window[line + np.uint64(k)] = np.float32(total) / np.float32(binning)
+        care[j - first] = np.uint8(brightest >= saturation)
+    if binning > 1 or has_off:
+        return
+    # Bytes first, numbers afterwards: the second loop is vectorised, which the first, striding, cannot be.
+    for j in range(last - first):
+        line = np.uint64(j * taps)
+        brightest = np.uint8(0)
+        for k in range(taps):
+            value = raw[line + np.uint64(k)]
+            brightest = max(brightest, value)
+            other = np.int32(0) if plain else np.int32(beside[line + np.uint64(k)])
+            window[line + np.uint64(k)] = np.float32(np.int32(value) - other)
+        care[j] |= np.uint8(brightest >= saturation)
 
 
 def make_fit(taps: int):  # type: ignore[no-untyped-def]
@@ -70,11 +88,18 @@ def make_fit(taps: int):  # type: ignore[no-untyped-def]
         widest: float, lowest_amplitude: float, slope_scale: float, out: FloatArray, outcome: ByteArray,
     ) -> None:  # fmt: skip
         one, half, quarter = np.float32(1.0), np.float32(0.5), np.float32(0.25)
+        one_place, two, three, four = np.uint64(1), np.uint64(2), np.uint64(3), np.uint64(4)
+        five, six, seven, eight = np.uint64(5), np.uint64(6), np.uint64(7), np.uint64(8)
         amplitudes, phases, widths = filters.shape[0], filters.shape[1], filters.shape[2]
         width_step = np.float32((widest - narrowest) / (widths - 1))
         low, high = np.float32(narrowest), np.float32(widest)
-        window = np.empty((GATHER_COLUMNS, taps), np.float32)
-        care = np.empty(GATHER_COLUMNS, np.uint8)
+        # Flat buffers and unsigned places: views of rows would be counted, and signed places tested, in every column.
+        height, pitch = flat.shape
+        pixels, unlit = flat.reshape(flat.size), off.reshape(off.size)
+        table, inverse_variances = filters.reshape(filters.size), weights.reshape(weights.size)
+        window, raw = np.zeros(GATHER_COLUMNS * taps, np.float32), np.zeros(GATHER_COLUMNS * taps, np.uint8)
+        beside, care = np.zeros(GATHER_COLUMNS * taps, np.uint8), np.empty(GATHER_COLUMNS, np.uint8)
+        row = np.uint64(taps)
         before = (taps // 2 - 1) * binning + (binning - 1) // 2
         centre_of_first = np.float32(0.5 * (binning - 1))
         usual = np.float32(usual_width) / np.float32(binning)
@@ -82,16 +107,16 @@ def make_fit(taps: int):  # type: ignore[no-untyped-def]
         prior_weight = np.float32(1.0 / (prior * usual) ** 2) if prior > 0.0 else np.float32(0.0)
         for first in range(0, rows.size, GATHER_COLUMNS):
             last = min(first + GATHER_COLUMNS, rows.size)
-            _gather(flat, off, has_off, step, channel, minus, columns, rows, first, last, taps, binning, saturation,
-                    window, care)  # fmt: skip
+            _gather(pixels, unlit, has_off, height, pitch, step, channel, minus, columns, rows, first, last, taps,
+                    binning, saturation, raw, beside, window, care)  # fmt: skip
             for j in range(first, last):
                 if care[j - first] != 0:
                     outcome[j] = NEEDS_CARE
                     continue
-                y = window[j - first]
+                line = np.uint64((j - first) * taps)
                 mu = np.float32(0.0)
                 s = usual
-                a = y[taps // 2 - 1] - half * (y[0] + y[taps - 1])
+                a = window[line + row // two - one_place] - half * (window[line] + window[line + row - one_place])
                 ia = ip = iw = 0
                 dm = ds = np.float32(0.0)
                 steps = 10 if amplitudes > 1 else 6
@@ -107,14 +132,16 @@ def make_fit(taps: int):  # type: ignore[no-untyped-def]
                         while ia < amplitudes - 1 and a > level:
                             ia += 1
                             level *= np.float32(2.0)
-                    f = filters[ia, ip, iw]
+                    f = np.uint64(((ia * phases + ip) * widths + iw) * 8 * taps)
                     a = np.float32(0.0)
                     p = np.float32(0.0)
                     q = np.float32(0.0)
                     for k in range(taps):
-                        a += f[0, k] * y[k]
-                        p += f[1, k] * y[k]
-                        q += f[2, k] * y[k]
+                        at = f + np.uint64(k)
+                        y = window[line + np.uint64(k)]
+                        a += table[at] * y
+                        p += table[at + row] * y
+                        q += table[at + two * row] * y
                     if not a > np.float32(0.5):
                         break
                     before_s = s
@@ -132,15 +159,16 @@ def make_fit(taps: int):  # type: ignore[no-untyped-def]
                         # Move the window to the pixel that holds the centre, so that a node is always near.
                         move = int(np.floor(mu + half))
                         top = rows[j] - before + move * binning
-                        if top < 0 or top + taps * binning > flat.shape[0] or abs(rows[j] - before - top) > 8 * taps:
+                        if top < 0 or top + taps * binning > height or abs(rows[j] - before - top) > 8 * taps:
                             care[j - first] = np.uint8(1)
                             break
                         rows[j] += move * binning
                         moved += move
                         mu -= np.float32(move)
                         here = j - first
-                        _gather(flat, off, has_off, step, channel, minus, columns, rows, j, j + 1, taps, binning,
-                                saturation, window[here : here + 1], care[here : here + 1])  # fmt: skip
+                        _gather(pixels, unlit, has_off, height, pitch, step, channel, minus, columns, rows, j, j + 1,
+                                taps, binning, saturation, raw, beside, window[here * taps : (here + 1) * taps],
+                                care[here : here + 1])  # fmt: skip
                         if care[j - first] != 0:
                             break
                         continue
@@ -170,20 +198,27 @@ def make_fit(taps: int):  # type: ignore[no-untyped-def]
                 if s < low:
                     outcome[j] = TOO_NARROW
                     continue
-                f = filters[ia, ip, iw]
+                node_place = np.uint64((ia * phases + ip) * widths + iw)
+                f = node_place * eight * row
                 b = np.float32(0.0)
                 g = np.float32(0.0)
-                for k in range(taps):
-                    b += f[3, k] * y[k]
-                    g += f[4, k] * y[k]
-                p, q, g = dm * a, ds * a, g * np.float32(slope_scale)
-                misfit = np.float32(0.0)
-                w = weights[ia, ip, iw]
                 used = np.float32(0.0)
                 for k in range(taps):
-                    used += one if w[k] > np.float32(0.0) else np.float32(0.0)
-                    r = y[k] - (b + g * np.float32(k - (taps // 2 - 1)) + a * f[5, k] + p * f[6, k] + q * f[7, k])
-                    misfit += r * r * w[k]
+                    at = f + np.uint64(k)
+                    y = window[line + np.uint64(k)]
+                    b += table[at + three * row] * y
+                    g += table[at + four * row] * y
+                    w = inverse_variances[node_place * row + np.uint64(k)]
+                    used += one if w > np.float32(0.0) else np.float32(0.0)
+                p, q, g = dm * a, ds * a, g * np.float32(slope_scale)
+                misfit = np.float32(0.0)
+                for k in range(taps):
+                    at = f + np.uint64(k)
+                    y = window[line + np.uint64(k)]
+                    w = inverse_variances[node_place * row + np.uint64(k)]
+                    model = a * table[at + five * row] + p * table[at + six * row] + q * table[at + seven * row]
+                    r = y - (b + g * np.float32(k - (taps // 2 - 1)) + model)
+                    misfit += r * r * w
                 # Between amplitude nodes the standard deviation follows a power law.
                 sd, sd_a = sds[ia, ip, iw], sds_amplitude[ia, ip, iw]
                 if amplitudes > 1:
