@@ -61,7 +61,8 @@ class EdgeLimits:
     Attributes
     ----------
     reach
-        Frames to either side whose spots overlap a frame's.
+        Frames to either side whose spots overlap a frame's; 0 where frames lie further apart than spots are wide, so
+        that one frame tells nothing of the edges in another.
     jump_px
         A stripe that moves further than this between neighbouring frames has left its surface.
     """
@@ -72,7 +73,7 @@ class EdgeLimits:
     @classmethod
     def for_scan(cls, *, pitch_mm: float, spot_sd_mm: float, px_per_mm_height: float) -> "EdgeLimits":
         """Limits from the distance between frames, the spot's width on the surface and the image scale."""
-        reach = int(np.clip(round(2.0 * spot_sd_mm / max(pitch_mm, 1e-6)), 1, MOST_REACH_FRAMES))
+        reach = int(np.clip(round(2.0 * spot_sd_mm / max(pitch_mm, 1e-6)), 0, MOST_REACH_FRAMES))
         return cls(reach, LEAST_JUMP_PX + STEEPEST * pitch_mm * px_per_mm_height)
 
 

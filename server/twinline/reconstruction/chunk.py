@@ -15,7 +15,7 @@ from twinline.geometry.triangulation import pack_laser, stripe_points_packed
 from twinline.reconstruction.colour import CLEARANCE_PX, UNKNOWN_GREY, sample_colours, shift_per_mm
 from twinline.reconstruction.plan import Plan
 from twinline.reconstruction.reference import smooth_line
-from twinline.reconstruction.result import FrameProblem
+from twinline.reconstruction.result import NO_STRIPE, FrameProblem
 from twinline.recording.frames import Frame, FrameSequence
 from twinline.recording.images import read_image
 from twinline.stripe.model import Flag, StripeProfile
@@ -110,7 +110,7 @@ class _Chunk:
             self._kept.append((frame.entry.cart_mm, frame.image, profile.centre_px))
         lit = self._triangulate(frame, profile, bed)
         if not len(lit.points):
-            self._problems.append(FrameProblem(frame.entry.name, "no laser stripe"))
+            self._problems.append(FrameProblem(frame.entry.name, NO_STRIPE))
         self._lit.append(lit)
 
     def finish(self) -> ChunkResult:

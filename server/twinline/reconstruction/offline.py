@@ -91,7 +91,7 @@ def reconstruct(
     clouds.append(PointCloud.concatenate(edges.finish()))
     on_points(clouds[-1])
     cloud = PointCloud.concatenate(clouds)
-    require_stripes(len(cloud), len(frames), frames.source)
+    require_stripes(len(cloud), len(frames), frames.source, account.problems)
     return Reconstruction(
         cloud=cloud,
         frames=len(frames),
@@ -150,7 +150,7 @@ def _edge_limits(plan: Plan, frames: FrameSequence) -> EdgeLimits:
 
 def _warnings(plan: Plan, rig: Rig) -> tuple[str, ...]:
     warnings = []
-    if all(source == "nominal" for source in rig.sources.values()):
+    if rig.sources and all(source == "nominal" for source in rig.sources.values()):
         warnings.append("The rig is nominal, not calibrated: expect errors of millimetres.")
     if len(plan.drift.cart_mm):
         shift = float(np.median(plan.drift.shift_px))

@@ -1,17 +1,18 @@
 """What every frame of a pass is processed with: settled once, before the first frame, and sent to the workers."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
 
 from twinline.arrays import ByteArray, FloatArray, IntArray
-from twinline.errors import CaptureError, RigError, StripeError
+from twinline.errors import CaptureError, FrameError, RigError, StripeError
 from twinline.geometry.noise import NoiseModel
 from twinline.geometry.optics import check_stripes_separable, stripe_positions, stripe_rows
 from twinline.geometry.rig import Rig
 from twinline.reconstruction.reference import BedDrift, drift_of, smooth_line
-from twinline.reconstruction.result import ReconstructionOptions
+from twinline.reconstruction.result import NO_STRIPE, FrameProblem, ReconstructionOptions
 from twinline.recording.capture import Capture
 from twinline.recording.frames import FrameSequence
 from twinline.recording.images import read_image
@@ -131,15 +132,18 @@ def make_plan(capture: Capture, rig: Rig, options: ReconstructionOptions) -> tup
 
 def _bed_drift(plan: Plan, frames: FrameSequence, reference: FrameSequence) -> BedDrift:
     """Drift of the bed against the reference pass, seen in some frames along the pass."""
-    off = read_image(plan.off) if plan.off is not None else None
+    off = read_image(plan.off, plan.rig.camera.size) if plan.off is not None else None
     places = [int(i) for i in np.unique(np.linspace(0, len(frames) - 1, DRIFT_FRAMES).astype(int))]
     pairs = zip(frames.read(places), reference.read([frames.frames[i].index for i in places]), strict=True)
     carts, shifts = [], []
     for frame, bed in pairs:
         if frame.image is None or bed.image is None:
             continue
-        line = smooth_line(plan.profile(bed.image, off).centre_px)
-        shift = drift_of(plan.profile(frame.image, off).centre_px, line)
+        try:
+            line = smooth_line(plan.profile(bed.image, off).centre_px)
+            shift = drift_of(plan.profile(frame.image, off).centre_px, line)
+        except StripeError:
+            continue
         if np.isfinite(shift).all():
             carts.append(frame.entry.cart_mm)
             shifts.append(shift)
@@ -175,12 +179,18 @@ def _bands(rig: Rig, lasers: tuple[int, ...], *, whole: bool) -> IntArray:
 
 def _settle_light(plan: Plan, frames: FrameSequence, options: ReconstructionOptions) -> Plan:
     """Choose channel and noise model from a few frames of the pass, unless they are given."""
-    off = read_image(plan.off) if plan.off is not None else None
+    off = read_image(plan.off, plan.rig.camera.size) if plan.off is not None else None
     places = np.unique(np.linspace(0, len(frames) - 1, 2 * SAMPLED_FRAMES + 1).astype(int)[1:-1:2])
     images = [f.image for f in frames.read([int(i) for i in places]) if f.image is not None]
     if not images:
         return plan
-    choice = choose_light(images, plan.bands, along_v=plan.along_v, off=off, channel=options.channel)
+    # One frame of another kind must not decide, or stop, anything: it is counted when its turn comes.
+    kinds = [image.ndim for image in images]
+    images = [image for image in images if image.ndim == max(set(kinds), key=kinds.count)]
+    # The stripe of a laser that was not asked for is no texture either.
+    every = tuple(range(len(plan.rig.sheets)))
+    bands = plan.bands if every == plan.lasers else _bands(plan.rig, every, whole=True)
+    choice = choose_light(images, bands, along_v=plan.along_v, off=off, channel=options.channel)
     plan = replace(plan, settings=replace(plan.settings, channel=choice.channel))
     if not choice.subtract_off:
         plan, off = replace(plan, off=None), None
@@ -195,8 +205,12 @@ def _settle_light(plan: Plan, frames: FrameSequence, options: ReconstructionOpti
     return replace(plan, noise=noise)
 
 
-def require_stripes(found: int, frames: int, folder: Path) -> None:
-    """Raise `StripeError` if a whole pass gave no stripe."""
+def require_stripes(found: int, frames: int, folder: Path, problems: Sequence[FrameProblem]) -> None:
+    """Raise `StripeError` if a whole pass gave no stripe, `FrameError` if none of its frames could be read."""
+    if not found and problems and all(problem.reason != NO_STRIPE for problem in problems):
+        raise FrameError(
+            f"None of the {frames} frames in {folder} can be used; the first fails because {problems[0].reason}."
+        )
     if not found:
         raise StripeError(
             f"None of the {frames} frames in {folder} shows a laser stripe: check that the lasers were on, the "

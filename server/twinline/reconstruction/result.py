@@ -39,6 +39,10 @@ class ReconstructionOptions:
     channel: Channel = "auto"
 
 
+NO_STRIPE = "no laser stripe"
+"""Reason of a frame that could be read but shows none."""
+
+
 @dataclass(frozen=True)
 class FrameProblem:
     """A frame that gave nothing, and why."""
