@@ -151,11 +151,14 @@ def board(
 
 
 @app.command()
-def bench(json: Json = False) -> None:
+def bench(
+    json: Json = False,
+    write: Annotated[Path | None, typer.Option(help="File whose tables to replace, such as PERFORMANCE.md.")] = None,
+) -> None:
     """Measure speed and memory against reading the same bytes once and against the usual alternatives."""
     from twinline.cli.bench import run_bench
 
-    run_bench(json=json)
+    run_bench(json=json, write=write)
 
 
 def main() -> None:
