@@ -14,6 +14,8 @@ from pydantic_settings import BaseSettings, PydanticBaseSettingsSource, Settings
 from twinline.errors import SettingsError
 
 ENVIRONMENT_PREFIX = "TWINLINE_"
+NOT_SETTINGS = frozenset({"TWINLINE_DATA", "TWINLINE_CHROMIUM"})
+"""Variables that the tests read: where captures and the browser are."""
 SETTINGS_FILE = "twinline.toml"
 
 
@@ -131,7 +133,7 @@ def load_settings(
     for name, value in _read_file(file).items():
         values[name], origins[name] = value, f"{file or SETTINGS_FILE}, {name}"
     for variable, text in environment.items():
-        if variable.upper().startswith(ENVIRONMENT_PREFIX) and text:
+        if variable.upper().startswith(ENVIRONMENT_PREFIX) and variable.upper() not in NOT_SETTINGS and text:
             name = variable[len(ENVIRONMENT_PREFIX) :].lower()
             values[name], origins[name] = text, variable
     for name, value in overrides.items():

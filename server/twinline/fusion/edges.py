@@ -94,6 +94,7 @@ class EdgeFilter:
             if frame.lit[k]:
                 laser.add(frame.centre_px[k], frame.amplitude_dn[k], verdicts, k)
             else:
+                laser.skip()
                 verdicts[k] = np.zeros(frame.centre_px.shape[1], bool)
         return self._ready()
 
@@ -123,8 +124,16 @@ class _LaserFilter:
         self._heights: deque[FloatArray] = deque()
         self._owed: deque[tuple[list[BoolArray | None], int]] = deque()
         self._done = 0
+        self._dark = 0
+
+    def skip(self) -> None:
+        """The laser was off in a frame; off for long, its last frames are judged by the neighbours they have."""
+        self._dark += 1
+        if self._dark > 4 * (self._limits.reach + 1):
+            self.finish()
 
     def add(self, centre: FloatArray, amplitude: FloatArray, verdicts: list[BoolArray | None], slot: int) -> None:
+        self._dark = 0
         self._centres.append(centre)
         widest = maximum_filter1d(np.nan_to_num(amplitude), 2 * SPOT_COLUMNS + 1, mode="nearest")
         self._heights.append(np.stack([amplitude, widest]))

@@ -129,7 +129,9 @@ class _Chunk:
         if frame.image is None:
             raise InputError(f"reference frame {frame.entry.name}: {frame.problem}")
         profile = self._plan.profile(frame.image, self._off)
-        return smooth_line(profile.centre_px), profile.sd_px
+        # Where a gap of the reference is bridged, its reading is as good as it usually is.
+        usual = np.nanmedian(profile.sd_px, axis=1, keepdims=True) if profile.found.any() else np.nan
+        return smooth_line(profile.centre_px), np.where(profile.found, profile.sd_px, usual)
 
     def _triangulate(self, frame: Frame, profile: StripeProfile, bed: tuple[FloatArray, FloatArray] | None) -> _Lit:
         plan, cart = self._plan, frame.entry.cart_mm

@@ -15,6 +15,9 @@ TILE_COLUMNS = 128
 _REACH_BLOCKS = 3
 """A block is judged against those so far above and below it: further than a stripe is wide."""
 
+_FEWEST_BLOCKS = 10
+"""In a shorter band the stripe itself is in every second sample of the rise, and would pass for a gradient."""
+
 
 @njit(cache=True, error_model="numpy")
 def tile_bands(bands: IntArray) -> IntArray:
@@ -42,9 +45,9 @@ def tile_bands(bands: IntArray) -> IntArray:
 @njit(cache=True, error_model="numpy")
 def _usual_rise(maxima: ByteArray, blocks: int, n: int, step: int) -> int:
     """Median rise of the grey level over some blocks down the picture, in a sample of a tile's columns."""
-    if blocks <= _REACH_BLOCKS:
+    d = _REACH_BLOCKS
+    if blocks < _FEWEST_BLOCKS:
         return 0
-    d = min(_REACH_BLOCKS, blocks // 2)
     rises = np.empty(((blocks - d) // 2 + 1) * (n // 32 + 1), np.int16)
     count = 0
     for b in range(0, blocks - d, 2):
