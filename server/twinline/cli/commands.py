@@ -109,6 +109,21 @@ def reconstruct(
 
 
 @app.command()
+def calibrate(
+    capture: Annotated[Path, typer.Argument(help="Capture folder; whatever parts of it exist are used.")],
+    output: Annotated[Path, typer.Option("-o", "--output", help="rig.json to write.")],
+    only: Annotated[str, typer.Option(help="Parts to calibrate: camera,travel,sheets,tof; all if empty.")] = "",
+    start: Annotated[Path | None, typer.Option(help="Rig that holds the parts that are not calibrated.")] = None,
+    json: Json = False,
+) -> None:
+    """Calibrate camera, travel, laser sheets and ToF mount together, and say how sure each is."""
+    from twinline.cli.calibrate import CalibrateRequest, run_calibrate
+
+    parts = frozenset(name.strip() for name in only.split(",") if name.strip())
+    run_calibrate(CalibrateRequest(capture, output, parts, start, json))
+
+
+@app.command()
 def simulate(
     output: Annotated[Path, typer.Option("-o", "--output", help="New capture folder.")],
     scene: Annotated[str, typer.Option(help="three-objects, steps, sphere, relief or bed.")] = "three-objects",
