@@ -183,12 +183,12 @@ def calibrate_scanner(data: ScannerData) -> ScannerResult:
         placed_tof = placed.tof
         scanner = replace(scanner, tof=placed_tof)
     cell_mm = _cell_mm(scanner, data.stripes)
-    scanner, observations, found = _observe(scanner, data, seen, tof, cut_mm=FIRST_CUT_MM)
+    scanner, observations, found = _observe(scanner, data, seen, tof, cut_mm=FIRST_CUT_MM, cell_mm=cell_mm)
     free = free_parameters(scanner, data.parts)
     joint = adjust(scanner, observations, (*priors, *found), cell_mm=cell_mm, free=free)
     if tof is not None:
         # With the sheets right, the height map is; then the sensor's place on it can be found anew.
-        scanner, observations, found = _observe(joint.scanner, data, seen, tof, cut_mm=LAST_CUT_MM)
+        scanner, observations, found = _observe(joint.scanner, data, seen, tof, cut_mm=LAST_CUT_MM, cell_mm=cell_mm)
         free = free_parameters(scanner, data.parts)
         joint = adjust(
             scanner, observations, (*priors, *found), cell_mm=cell_mm, free=free, systematic_mm=joint.systematic_mm
@@ -332,20 +332,27 @@ def bed_clouds(scanner: Scanner, stripes: Sequence[StripePoints]) -> list[FloatA
     return [laser_samples(scanner, k, s, camera).points @ axes.T + up for k, s in enumerate(stripes)]
 
 
-def surface_of(scanner: Scanner, seen: Sequence[LaserSeen]) -> HeightMap:
-    """Height map by the lasers."""
-    return height_map(bed_clouds(scanner, [s.objects for s in seen]), bed_clouds(scanner, [s.bed for s in seen]))
+def surface_of(scanner: Scanner, seen: Sequence[LaserSeen], cell_mm: float) -> HeightMap:
+    """Height map by the lasers, in cells that none of their points' spacing leaves empty."""
+    objects, beds = (bed_clouds(scanner, part) for part in ([s.objects for s in seen], [s.bed for s in seen]))
+    return height_map(objects, beds, cell_mm)
 
 
 def _observe(
-    scanner: Scanner, data: ScannerData, seen: Sequence[LaserSeen], tof: TofPoints | None, *, cut_mm: float
+    scanner: Scanner,
+    data: ScannerData,
+    seen: Sequence[LaserSeen],
+    tof: TofPoints | None,
+    *,
+    cut_mm: float,
+    cell_mm: float,
 ) -> tuple[Scanner, Observations, list[Prior]]:
     """Observations to adjust to; the ToF sensor is laid over the lasers' height map first."""
     tof_bed = tof_objects = None
     found: list[Prior] = []
     if tof is not None:
         if seen and "tof" in data.parts:
-            scanner, cost = start_tof(scanner, tof, surface_of(scanner, seen), cut_mm=cut_mm)
+            scanner, cost = start_tof(scanner, tof, surface_of(scanner, seen, cell_mm), cut_mm=cut_mm)
             if np.isfinite(cost):
                 found = [tof_place_prior(scanner, _usual_distance(scanner, tof))]
         points = tof_points(scanner, tof) @ scanner.axes().T + np.array([0.0, 0.0, scanner.height_mm()])

@@ -292,7 +292,7 @@ def _agreements(scanner: Scanner, result: ScannerResult) -> tuple[Agreement, ...
     found = []
     for i in range(len(clouds)):
         for j in range(i + 1, len(clouds)):
-            difference = _difference(clouds[i], clouds[j])
+            difference = _difference(clouds[i], clouds[j], max(result.cell_mm, _MAP_MM))
             if len(difference) < _FEWEST_COMPARED:
                 continue
             size = np.abs(difference)
@@ -308,10 +308,10 @@ def _agreements(scanner: Scanner, result: ScannerResult) -> tuple[Agreement, ...
     return tuple(found)
 
 
-def _difference(first: FloatArray, second: FloatArray) -> FloatArray:
+def _difference(first: FloatArray, second: FloatArray, cell_mm: float) -> FloatArray:
     if not (np.isfinite(first).all(axis=1).any() and np.isfinite(second).all(axis=1).any()):
         return np.empty(0)
-    surface = height_map([first], [], _MAP_MM)
+    surface = height_map([first], [], cell_mm)
     other = second[np.isfinite(second).all(axis=1)]
     difference = surface.at(other[:, 0], other[:, 1]) - other[:, 2]
     return np.asarray(difference[np.isfinite(difference)])

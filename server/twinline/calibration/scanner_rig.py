@@ -8,6 +8,7 @@ import numpy as np
 from twinline.arrays import BoolArray, FloatArray
 from twinline.calibration.bundle import PARAMETERS as CAMERA
 from twinline.calibration.joint_model import Scanner
+from twinline.calibration.scanner import scanner_of_rig
 from twinline.geometry.noise import NoiseModel
 from twinline.geometry.rig import Covariance, Rig, Transform
 
@@ -34,10 +35,11 @@ def make_rig(
     if scanner.tof is not None and base.tof is not None:
         tof = scanner.as_tof(base.tof.range_mm)
     axes = scanner.axes()
+    old = scanner_of_rig(base)
     return replace(
         base,
-        camera=scanner.as_camera(),
-        sheets=scanner.as_sheets(),
+        camera=base.camera if _same(old.camera, scanner.camera) else scanner.as_camera(),
+        sheets=base.sheets if _same(old.sheets, scanner.sheets) else scanner.as_sheets(),
         bed_from_camera=Transform(axes, np.array([0.0, 0.0, scanner.height_mm()])),
         travel=axes @ scanner.travel,
         tof=tof,
@@ -46,6 +48,11 @@ def make_rig(
         sources=dict(sources),
         evidence={},
     )
+
+
+def _same(old: FloatArray, new: FloatArray) -> bool:
+    """Whether a part was not adjusted: then it keeps its bits."""
+    return bool(np.allclose(old, new, rtol=1e-12, atol=1e-18))
 
 
 def rig_covariance(scanner: Scanner, covariance: FloatArray) -> Covariance:

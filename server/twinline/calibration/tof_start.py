@@ -21,7 +21,7 @@ LAST_CUT_MM = 1.0
 """Height differences count up to this much: first more than uncalibrated sheets are wrong by, at last about an edge."""
 
 _RAISED_MM = 1.0
-_MAP_MM = 1.0
+MAP_MM = 1.0
 _SPIKE_WINDOW = 5
 _SPIKE_SCALES = 8.0
 _SPIKE_SHARE = 0.02
@@ -54,7 +54,7 @@ class HeightMap:
         return np.where(inside, value, np.nan)
 
 
-def height_map(clouds: list[FloatArray], bed_clouds: list[FloatArray], size_mm: float = _MAP_MM) -> HeightMap:
+def height_map(clouds: list[FloatArray], bed_clouds: list[FloatArray], size_mm: float = MAP_MM) -> HeightMap:
     """Mean height per cell of points (n, 3) in the bed frame; bed points fill cells that no object covers."""
     objects = np.concatenate(clouds) if clouds else np.empty((0, 3))
     bed = np.concatenate(bed_clouds) if bed_clouds else np.empty((0, 3))
@@ -183,7 +183,8 @@ def _cost(points: FloatArray, surface: HeightMap, dx: float, dy: float, cut_mm: 
     seen = np.isfinite(error)
     if seen.sum() < 0.3 * len(points):
         return float("inf")
-    return float(np.minimum(error[seen], cut_mm).mean())
+    # What no laser saw says neither yes nor no; left out, it would draw the readings to where nothing is seen.
+    return float((np.minimum(error[seen], cut_mm).sum() + 0.5 * cut_mm * (~seen).sum()) / len(points))
 
 
 def _on_bed(scanner: Scanner, tof: TofPoints) -> Scanner:

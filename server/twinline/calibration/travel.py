@@ -252,8 +252,7 @@ def _require_fit(rest: _Sightings, state: _State, camera: Camera) -> None:
         raise CalibrationError(
             f"The views of motion/ contradict a straight travel: their corners are {rms:.1f} px off (limit "
             f"{_MOST_RMS_PX:g}); the board must lie still, frames.csv must hold each picture's position, and the "
-            "camera "
-            "must be the calibrated one.",
+            "camera must be the calibrated one.",
             code="views-contradict",
         )
 

@@ -78,6 +78,15 @@ class Calibration:
     views: tuple[BoardView, ...]
 
 
+@dataclass(frozen=True, eq=False)
+class Collected:
+    """What a capture holds for a calibration: observations, the stripes they come from, and the board views."""
+
+    data: ScannerData
+    stripes: PassStripes | None
+    views: tuple[BoardView, ...]
+
+
 def _quiet(*_: object) -> None:
     return
 
@@ -100,6 +109,29 @@ def calibrate_capture(
     CaptureError, FrameError, StripeError
         A part of the folder cannot be used.
     """
+    collected = collect(capture, options, report=report)
+    data, stripes, base = collected.data, collected.stripes, collected.data.base
+    result = calibrate_scanner(data)
+    evidence = gather_evidence(data, result, scanner_of_rig(base))
+    if evidence.verdict == "refused":
+        raise CalibrationError(" ".join(evidence.reasons), code="calibration-refused")
+    noise = base.noise
+    if stripes is not None and result.seen:
+        on_bed: BoolArray = np.stack([s.on_bed for s in result.seen])
+        noise = bed_noise(capture, stripes, on_bed) if on_bed.any() else stripes.noise
+    rig = make_rig(base, result.scanner, result.covariance, _sources(data, result), noise)
+    rig = replace(rig, evidence={"calibration": {"method": "joint", **evidence.to_json()}})
+    return Calibration(rig, evidence, data.camera, data.travel, result, collected.views)
+
+
+def collect(capture: Capture, options: CalibrationOptions | None = None, *, report: Report = _quiet) -> Collected:
+    """Read everything that a calibration uses, calibrating camera and travel on the way.
+
+    Raises
+    ------
+    CalibrationError, CaptureError, FrameError, StripeError
+        As `calibrate_capture`.
+    """
     options = options or CalibrationOptions()
     base = options.base or capture.rig()
     _require_same_scanner(base, capture)
@@ -114,17 +146,7 @@ def calibrate_capture(
     if {"sheets", "tof"} & options.parts:
         data, stripes = _surface(capture, data, report)
     _require_anything(capture, data)
-    result = calibrate_scanner(data)
-    evidence = gather_evidence(data, result, scanner_of_rig(base))
-    if evidence.verdict == "refused":
-        raise CalibrationError(" ".join(evidence.reasons), code="calibration-refused")
-    noise = base.noise
-    if stripes is not None and result.seen:
-        on_bed: BoolArray = np.stack([s.on_bed for s in result.seen])
-        noise = bed_noise(capture, stripes, on_bed) if on_bed.any() else stripes.noise
-    rig = make_rig(base, result.scanner, result.covariance, _sources(data, result), noise)
-    rig = replace(rig, evidence={"calibration": {"method": "joint", **evidence.to_json()}})
-    return Calibration(rig, evidence, data.camera, data.travel, result, views)
+    return Collected(data, stripes, views)
 
 
 def board_of(capture: Capture, part: str) -> Board:
