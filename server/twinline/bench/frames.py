@@ -4,6 +4,7 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+import simplejpeg
 
 from twinline.bench.captures import PITCH_MM, bench_rig, write_capture
 from twinline.bench.figures import Figure, Quartiles, Section
@@ -15,7 +16,8 @@ from twinline.reconstruction.plan import Plan, make_plan
 from twinline.reconstruction.result import ReconstructionOptions
 from twinline.recording.frames import FrameSequence
 
-DECODED = "decoding alone"
+DECODED = "decoding alone, OpenCV"
+DECODED_HERE = "decoding alone, as done here"
 READ = "reading, checking and decoding"
 POINTS = "frame to points"
 MUST, AIM = 1.25, 1.10
@@ -40,6 +42,10 @@ def jpeg_to_points(rounds: int, size: tuple[int, int], frames: int, folder: Path
         for encoded in data:
             cv2.imdecode(encoded, cv2.IMREAD_UNCHANGED)
 
+    def decode_here(_: int) -> None:
+        for encoded in data:
+            simplejpeg.decode_jpeg(encoded, "BGR" if colour else "GRAY")
+
     def read(_: int) -> None:
         for _frame in sequence.read():
             pass
@@ -47,10 +53,14 @@ def jpeg_to_points(rounds: int, size: tuple[int, int], frames: int, folder: Path
     def points(_: int) -> None:
         to_points(plan, sequence)
 
-    times = take_turns({DECODED: decode, READ: read, POINTS: points}, rounds)
+    times = take_turns({DECODED: decode, DECODED_HERE: decode_here, READ: read, POINTS: points}, rounds)
     for name in times:
         times[name] /= frames
-    ratios = (compare(times, POINTS, DECODED, must=MUST, aim=AIM), compare(times, POINTS, READ))
+    ratios = (
+        compare(times, POINTS, DECODED, must=MUST, aim=AIM),
+        compare(times, POINTS, DECODED_HERE),
+        compare(times, POINTS, READ),
+    )
     kind = "colour" if colour else "gray"
     return Section(
         f"jpeg-{kind}",
@@ -60,6 +70,7 @@ def jpeg_to_points(rounds: int, size: tuple[int, int], frames: int, folder: Path
         rounds,
         (
             Figure(DECODED, Quartiles.of(times[DECODED]), "us"),
+            Figure(DECODED_HERE, Quartiles.of(times[DECODED_HERE]), "us", (compare(times, DECODED_HERE, DECODED),)),
             Figure(READ, Quartiles.of(times[READ]), "us", (compare(times, READ, DECODED),)),
             Figure(POINTS, Quartiles.of(times[POINTS]), "us", ratios),
         ),

@@ -1,10 +1,12 @@
 """Reading pictures as measurements: as stored, complete, in 8 bits."""
 
 import re
-from pathlib import Path
+from pathlib import Path, PurePath
+from typing import NamedTuple, Protocol
 
 import cv2
 import numpy as np
+import simplejpeg
 
 from twinline.arrays import ByteArray
 from twinline.errors import FrameError
@@ -20,9 +22,31 @@ _JPEG_END = b"\xff\xd9"
 _JPEG_MARKER = re.compile(rb"\xff[^\x00\x01\xd0-\xd7\xff]")
 _JPEG_FRAME_MARKERS = frozenset(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}
 _HEADER_BYTES = 4096
+_COLOURS = {1: "GRAY", 3: "BGR"}
+"""What a JPEG of so many components is decoded to."""
 
 
-def read_image(path: Path, expected_size: tuple[int, int] | None = None) -> ByteArray:
+class PictureFile(Protocol):
+    """A picture that can be read as a whole: the path of a file, or a picture in a recording."""
+
+    @property
+    def name(self) -> str:
+        """Name of the file."""
+        ...
+
+    @property
+    def parent(self) -> PurePath:
+        """The folder, or the part of the capture, that it is in."""
+        ...
+
+    def read_bytes(self) -> bytes:
+        """The whole file; OSError where that is not possible."""
+        ...
+
+    def __hash__(self) -> int: ...
+
+
+def read_image(path: PictureFile, expected_size: tuple[int, int] | None = None) -> ByteArray:
     """Read a picture as the camera stored it.
 
     Rotation hints in the file (EXIF) are not applied, since lens and stripes belong to the sensor's own axes. Pictures
@@ -49,21 +73,40 @@ def read_image(path: Path, expected_size: tuple[int, int] | None = None) -> Byte
     except OSError as error:
         raise FrameError(f"{path} cannot be read: {error.strerror or error}.") from error
     # Looked at before decoding: a header may claim any number of pixels.
-    _require_size(path, _size_of(data), expected_size)
-    image = _decode(data, path)
+    header = _header_of(data)
+    _require_size(path, header and header.size, expected_size)
+    reason = _incomplete(data)
+    if reason:
+        raise FrameError(f"{path} {reason}.")
+    image = _decode_jpeg(data, header)
+    if image is None:
+        image = _decode(data, path)
     _require_size(path, (image.shape[1], image.shape[0]), expected_size)
     return image
 
 
-def _require_size(path: Path, size: tuple[int, int] | None, expected: tuple[int, int] | None) -> None:
+def _require_size(path: PictureFile, size: tuple[int, int] | None, expected: tuple[int, int] | None) -> None:
     if size and expected and size != expected:
         raise FrameError(f"{path} is {size[0]} x {size[1]} px, not {expected[0]} x {expected[1]} px.")
 
 
-def _decode(data: bytes, path: Path) -> ByteArray:
-    reason = _incomplete(data)
-    if reason:
-        raise FrameError(f"{path} {reason}.")
+def _decode_jpeg(data: bytes, header: "_Header | None") -> ByteArray | None:
+    """Pixels of a sound JPEG of one or three components; None for everything else.
+
+    The same library and the same pixels as OpenCV's decoder, in less than half its time for colour.
+    """
+    colorspace = _COLOURS.get(header.components) if header else None
+    if colorspace is None:
+        return None
+    try:
+        image = simplejpeg.decode_jpeg(data, colorspace)
+    except ValueError:
+        # It takes offence at whatever departs from the standard; whether that hurts is for the other to say.
+        return None
+    return np.asarray(image[:, :, 0] if image.shape[2] == 1 else image, dtype=np.uint8)
+
+
+def _decode(data: bytes, path: PictureFile) -> ByteArray:
     try:
         image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
     except cv2.error as error:
@@ -92,19 +135,19 @@ def picture_size(path: Path) -> tuple[int, int]:
     try:
         with path.open("rb", buffering=0) as stream:
             data = stream.read(_HEADER_BYTES)
-            size = _size_of(data)
-            if size is None and len(data) == _HEADER_BYTES and data.startswith(_JPEG_START):
+            header = _header_of(data)
+            if header is None and len(data) == _HEADER_BYTES and data.startswith(_JPEG_START):
                 # Embedded previews and colour profiles can push the frame header far back.
                 data += stream.read()
-                size = _size_of(data)
+                header = _header_of(data)
     except OSError as error:
         raise FrameError(f"{path} cannot be read: {error.strerror or error}.") from error
-    if size is None and data.startswith((_JPEG_START, _PNG_START)):
+    if header is None and data.startswith((_JPEG_START, _PNG_START)):
         raise FrameError(f"{path} is truncated: it ends before its size is given.")
-    if size is None:
+    if header is None:
         image = read_image(path)
-        size = (image.shape[1], image.shape[0])
-    return size
+        return image.shape[1], image.shape[0]
+    return header.size
 
 
 def _incomplete(data: bytes) -> str | None:
@@ -134,20 +177,27 @@ def _jpeg_has_end(data: bytes) -> bool:
     return False
 
 
-def _size_of(data: bytes) -> tuple[int, int] | None:
+class _Header(NamedTuple):
+    """Width and height in pixels, and how many components a JPEG has (0 for PNG)."""
+
+    size: tuple[int, int]
+    components: int
+
+
+def _header_of(data: bytes) -> _Header | None:
     if data.startswith(_PNG_START):
         if len(data) < 24:
             return None
-        return int.from_bytes(data[16:20], "big"), int.from_bytes(data[20:24], "big")
+        return _Header((int.from_bytes(data[16:20], "big"), int.from_bytes(data[20:24], "big")), 0)
     if not data.startswith(_JPEG_START):
         return None
     position = 2
     while match := _JPEG_MARKER.search(data, position):
         marker, start = data[match.end() - 1], match.end()
         if marker in _JPEG_FRAME_MARKERS:
-            if len(data) < start + 7:
+            if len(data) < start + 8:
                 return None
             height, width = data[start + 3 : start + 5], data[start + 5 : start + 7]
-            return int.from_bytes(width, "big"), int.from_bytes(height, "big")
+            return _Header((int.from_bytes(width, "big"), int.from_bytes(height, "big")), data[start + 7])
         position = start + max(int.from_bytes(data[start : start + 2], "big"), 2)
     return None
