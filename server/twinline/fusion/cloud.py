@@ -62,13 +62,14 @@ class PointCloud:
 
     def select(self, rows: BoolArray | IntArray) -> "PointCloud":
         """The points in the given rows."""
+        places = np.flatnonzero(rows) if rows.dtype == bool else rows
         return PointCloud(
-            self.points_mm[rows],
-            self.sigma_mm[rows],
-            self.intensity[rows],
-            self.colour[rows],
-            self.source[rows],
-            None if self.normals is None else self.normals[rows],
+            self.points_mm.take(places, axis=0),
+            self.sigma_mm.take(places),
+            self.intensity.take(places),
+            self.colour.take(places, axis=0),
+            self.source.take(places),
+            None if self.normals is None else self.normals.take(places, axis=0),
         )
 
     @classmethod

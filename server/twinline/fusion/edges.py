@@ -12,7 +12,7 @@ from collections import deque
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.ndimage import maximum_filter1d
+from numba import njit
 
 from twinline.arrays import BoolArray, FloatArray, IntArray
 from twinline.fusion.cloud import PointCloud
@@ -108,22 +108,24 @@ class EdgeFilter:
         clouds = []
         while self._waiting and all(v is not None for v in self._waiting[0][1]):
             frame, verdicts = self._waiting.popleft()
-            whole = np.stack([v for v in verdicts if v is not None])
-            keep = whole[frame.laser, frame.column]
-            self.rejected += int(len(keep) - keep.sum())
+            whole = np.concatenate([v for v in verdicts if v is not None])
+            keep = np.flatnonzero(whole.take(frame.laser * frame.centre_px.shape[1] + frame.column))
+            self.rejected += len(frame.laser) - len(keep)
             clouds.append(frame.cloud.select(keep))
         return clouds
 
 
 class _LaserFilter:
-    """The frames in which one laser was on, and the verdicts owed to them."""
+    """The frames in which one laser was on, and the verdicts owed to them.
+
+    Frames are kept in a ring: frame n in row n modulo its length.
+    """
 
     def __init__(self, limits: EdgeLimits) -> None:
         self._limits = limits
-        self._centres: deque[FloatArray] = deque()
-        self._heights: deque[FloatArray] = deque()
+        self._centres, self._heights, self._widest = (np.empty((0, 0), np.float32) for _ in range(3))
         self._owed: deque[tuple[list[BoolArray | None], int]] = deque()
-        self._done = 0
+        self._seen = self._judged = 0
         self._dark = 0
 
     def skip(self) -> None:
@@ -134,11 +136,15 @@ class _LaserFilter:
 
     def add(self, centre: FloatArray, amplitude: FloatArray, verdicts: list[BoolArray | None], slot: int) -> None:
         self._dark = 0
-        self._centres.append(centre)
-        widest = maximum_filter1d(np.nan_to_num(amplitude), 2 * SPOT_COLUMNS + 1, mode="nearest")
-        self._heights.append(np.stack([amplitude, widest]))
+        if not self._centres.size:
+            shape = (2 * self._limits.reach + 3, len(centre))
+            self._centres, self._heights, self._widest = (np.empty(shape, np.float32) for _ in range(3))
+        row = self._seen % len(self._centres)
+        self._centres[row] = centre
+        enter_heights(amplitude, self._heights[row], self._widest[row])
+        self._seen += 1
         self._owed.append((verdicts, slot))
-        if len(self._centres) - self._done > self._limits.reach:
+        if self._seen - self._judged > self._limits.reach:
             self._judge()
 
     def finish(self) -> None:
@@ -146,19 +152,53 @@ class _LaserFilter:
             self._judge()
 
     def _judge(self) -> None:
-        """Give the verdict on the first unjudged frame, and forget the frames nobody needs any more."""
-        at, reach = self._done, self._limits.reach
-        around = list(self._heights)[max(at - reach, 0) : at + reach + 1]
-        strongest = np.max([h[1] for h in around], axis=0)
-        whole = np.nan_to_num(self._heights[at][0]) >= PARTIAL_SHARE * strongest
-        for neighbour in (at - 1, at + 1):
-            if 0 <= neighbour < len(self._centres):
-                with np.errstate(invalid="ignore"):
-                    whole &= np.abs(self._centres[neighbour] - self._centres[at]) <= self._limits.jump_px
+        """Give the verdict on the first unjudged frame."""
+        at, reach = self._judged, self._limits.reach
+        first, last = max(at - reach, 0), min(at + reach, self._seen - 1)
         verdicts, slot = self._owed.popleft()
-        verdicts[slot] = whole
-        self._done += 1
-        while self._done > reach:
-            self._centres.popleft()
-            self._heights.popleft()
-            self._done -= 1
+        verdicts[slot] = whole_spots(
+            self._centres, self._heights, self._widest, at, first, last, reach, self._limits.jump_px
+        )
+        self._judged += 1
+
+
+@njit(cache=True, error_model="numpy")
+def enter_heights(amplitude: FloatArray, heights: FloatArray, widest: FloatArray) -> None:  # pragma: no cover
+    """Heights of one stripe with 0 where there is none, and the highest of those that a spot reaches."""
+    n = amplitude.size
+    for c in range(n):
+        heights[c] = amplitude[c] if amplitude[c] == amplitude[c] else 0.0
+    for c in range(n):
+        top = np.float32(0.0)
+        for k in range(max(c - SPOT_COLUMNS, 0), min(c + SPOT_COLUMNS, n - 1) + 1):
+            top = max(top, heights[k])
+        widest[c] = top
+
+
+@njit(cache=True, error_model="numpy")
+def whole_spots(
+    centres: FloatArray, heights: FloatArray, widest: FloatArray, at: int, first: int, last: int, reach: int,
+    jump_px: float,
+) -> BoolArray:  # fmt: skip  # pragma: no cover - compiled
+    """Columns of frame ``at`` whose spot lies on one surface, judged by the frames from ``first`` to ``last``.
+
+    Parameters
+    ----------
+    centres, heights, widest : (rows, columns) arrays
+        Rings of frames, frame n in row n modulo ``rows``.
+    """
+    rows, columns = centres.shape
+    here = at % rows
+    strongest = np.zeros(columns, np.float32)
+    whole = np.ones(columns, np.bool_)
+    for n in range(first, last + 1):
+        row = n % rows
+        if abs(n - at) <= reach:
+            for c in range(columns):
+                strongest[c] = max(strongest[c], widest[row, c])
+        if abs(n - at) == 1:
+            for c in range(columns):
+                whole[c] &= abs(centres[row, c] - centres[here, c]) <= jump_px
+    for c in range(columns):
+        whole[c] &= heights[here, c] >= PARTIAL_SHARE * strongest[c]
+    return whole

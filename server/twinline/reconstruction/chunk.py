@@ -2,31 +2,28 @@
 
 from dataclasses import dataclass, field
 from functools import lru_cache
-from pathlib import Path
 
 import cv2
 import numpy as np
 
-from twinline.arrays import BoolArray, ByteArray, FloatArray, IntArray
+from twinline.arrays import BoolArray, ByteArray, FloatArray
 from twinline.errors import InputError
 from twinline.fusion.cloud import PointCloud, Source
 from twinline.fusion.edges import FramePoints
-from twinline.geometry.triangulation import pack_laser, stripe_points_packed
+from twinline.geometry.triangulation import pack_laser
 from twinline.reconstruction.colour import CLEARANCE_PX, UNKNOWN_GREY, sample_colours, shift_per_mm
 from twinline.reconstruction.plan import Plan
+from twinline.reconstruction.points import StripePoints, enter_points
 from twinline.reconstruction.reference import smooth_line
 from twinline.reconstruction.result import NO_STRIPE, FrameProblem
 from twinline.recording.frames import Frame, FrameSequence
-from twinline.recording.images import read_image
-from twinline.stripe.model import Flag, StripeProfile
+from twinline.recording.images import PictureFile, read_image
+from twinline.stripe.model import StripeProfile
 
 CHUNK_FRAMES = 16
 MOST_CHUNK_FRAMES = 64
 _KEPT_FRAMES = 12
 _CANDIDATES = 6
-
-UNWANTED = (Flag.POOR_FIT, Flag.BROKEN)
-"""Flags of stripes that give no point: their spot straddles an edge, or their shape is not a stripe's."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,13 +41,7 @@ class _Lit:
     """The points of one frame, before colour."""
 
     cart_mm: float
-    points: FloatArray
-    sigma: FloatArray
-    amplitude: FloatArray
-    laser: IntArray
-    column: IntArray
-    pixels: FloatArray
-    depth: FloatArray
+    points: StripePoints
     profile: StripeProfile
     lit: BoolArray
 
@@ -88,6 +79,7 @@ class _Chunk:
     def __init__(self, plan: Plan, frames: int) -> None:
         self._plan = plan
         self._off = _off_image(plan.off) if plan.off is not None else None
+        self._shift = shift_per_mm(plan.rig)
         self._packed = [pack_laser(plan.rig, laser) for laser in plan.lasers]
         self._lit: list[_Lit] = []
         self._kept: list[tuple[float, ByteArray, FloatArray]] = []
@@ -109,7 +101,7 @@ class _Chunk:
         if frame.image.ndim == 3 and place % self._keep_every == 0:
             self._kept.append((frame.entry.cart_mm, frame.image, profile.centre_px))
         lit = self._triangulate(frame, profile, bed)
-        if not len(lit.points):
+        if not len(lit.points.laser):
             self._problems.append(FrameProblem(frame.entry.name, NO_STRIPE))
         self._lit.append(lit)
 
@@ -137,61 +129,37 @@ class _Chunk:
         plan, cart = self._plan, frame.entry.cart_mm
         on = frame.entry.lasers
         lit = np.array([on is None or laser + 1 in on for laser in plan.lasers])
-        parts = []
-        for k in np.flatnonzero(lit):
-            centre, sd = profile.centre_px[k], profile.sd_px[k]
-            if bed is not None and plan.bed_px is not None:
-                # Heights count from the empty bed as it was seen here, not from where the rig expects it.
-                centre = centre - bed[0][k] - plan.drift.at(int(k), cart) + plan.bed_px[k]
-                sd = np.hypot(sd, bed[1][k])
-            wanted = self._wanted(profile.flags[k], profile.found[k], plan.lasers[k])
-            columns = np.flatnonzero(wanted & np.isfinite(centre))
-            across = centre[columns]
-            pixels = np.column_stack([across, columns] if plan.along_v else [columns, across]).astype(np.float64)
-            points, sigma = stripe_points_packed(self._packed[k], pixels, sd[columns], cart)
-            good = np.isfinite(sigma)
-            self._count(f"laser{plan.lasers[k] + 1} off the sheet", int((~good).sum()))
-            parts.append((np.full(int(good.sum()), k), columns[good], pixels[good], points[good], sigma[good]))
-        laser, column, pixels, points, sigma = (
-            (np.concatenate(a) for a in zip(*parts, strict=True))
-            if parts
-            else (np.empty(0, int), np.empty(0, int), np.empty((0, 2)), np.empty((0, 3)), np.empty(0))
-        )
-        camera = plan.rig.bed_from_camera
-        depth = (points - camera.translation_mm - plan.rig.travel * cart) @ camera.rotation[:, 2]
-        amplitude = profile.amplitude_dn[laser, column]
-        return _Lit(cart, points, sigma, amplitude, laser, column, pixels, depth, profile, lit)
-
-    def _wanted(self, flags: IntArray, found: BoolArray, laser: int) -> BoolArray:
-        wanted = np.ones(len(flags), bool)
-        for flag in UNWANTED:
-            hit = found & ((flags & int(flag)) != 0)
-            if hit.any():
-                self._count(f"laser{laser + 1} {(flag.name or '').lower().replace('_', ' ')}", int(hit.sum()))
-                wanted &= ~hit
-        return wanted
+        place, sd = profile.centre_px, profile.sd_px
+        if bed is not None and plan.bed_px is not None:
+            # Heights count from the empty bed as it was seen here, not from where the rig expects it.
+            drift = np.array([plan.drift.at(k, cart) for k in range(len(plan.lasers))])
+            place = place - bed[0] - drift[:, None] + plan.bed_px
+            sd = np.hypot(sd, bed[1])
+        room, end = StripePoints.room_for(place.size), 0
+        for k, laser in enumerate(plan.lasers):
+            if not lit[k]:
+                continue
+            end, poor, broken, off = enter_points(
+                self._packed[k], k, int(Source.LASER_1) + laser, profile.centre_px[k], sd[k], place[k],
+                profile.amplitude_dn[k], profile.flags[k], cart, room, end,
+            )  # fmt: skip
+            for reason, number in (("poor fit", poor), ("broken", broken), ("off the sheet", off)):
+                self._count(f"laser{laser + 1} {reason}", number)
+        return _Lit(cart, room.first(end), profile, lit)
 
     def _count(self, name: str, number: int) -> None:
         if number:
             self._counts[name] = self._counts.get(name, 0) + number
 
     def _coloured(self, lit: _Lit) -> FramePoints:
-        colours = np.full((len(lit.points), 3), UNKNOWN_GREY, np.uint8)
-        if self._kept and len(lit.points):
+        points, profile = lit.points, lit.profile
+        colours = np.full((len(points.laser), 3), UNKNOWN_GREY, np.uint8)
+        if self._kept and len(colours):
             self._colour(lit, colours)
-        sources = np.array([Source.LASER_1 + laser for laser in self._plan.lasers], np.uint8)
-        cloud = PointCloud(
-            lit.points.astype(np.float32),
-            lit.sigma.astype(np.float32),
-            lit.amplitude.astype(np.float32),
-            colours,
-            sources[lit.laser],
-        )
-        profile = lit.profile
         return FramePoints(
-            cloud,
-            lit.laser,
-            lit.column,
+            PointCloud(points.points_mm, points.sigma_mm, points.intensity, colours, points.source),
+            points.laser,
+            points.column,
             profile.centre_px.astype(np.float32),
             # A saturated stripe's height is a guess from its flanks; what was seen is the top of the scale.
             np.minimum(profile.amplitude_dn, self._plan.settings.saturation_dn).astype(np.float32),
@@ -199,23 +167,21 @@ class _Chunk:
         )
 
     def _colour(self, lit: _Lit, colours: ByteArray) -> None:
-        shift = shift_per_mm(self._plan.rig) / lit.depth[:, None]
+        pixels, depth = lit.points.pixels, lit.points.depth_mm
         offsets = np.array([cart - lit.cart_mm for cart, _, _ in self._kept])
-        per_mm = float(np.abs(shift).max(axis=1).mean())
+        per_mm = float(np.abs(self._shift).max() * np.mean(1.0 / depth))
         far_enough = np.flatnonzero(np.abs(offsets) * per_mm >= CLEARANCE_PX)
         order = far_enough[np.argsort(np.abs(offsets[far_enough]), kind="stable")][:_CANDIDATES]
-        missing = np.ones(len(lit.points), bool)
+        missing, left = np.ones(len(depth), bool), len(depth)
         for k in order:
-            _, image, stripes = self._kept[k]
-            part = np.flatnonzero(missing)
-            if not len(part):
+            if left == 0:
                 return
-            done = sample_colours(lit.pixels[part], shift[part], image, float(offsets[k]), stripes,
-                                  not self._plan.along_v, part, colours)  # fmt: skip
-            missing[part[done]] = False
-        self._count("without colour", int(missing.sum()))
+            _, image, stripes = self._kept[k]
+            move = self._shift * offsets[k]
+            left = sample_colours(pixels, depth, move, image, stripes, not self._plan.along_v, missing, colours)
+        self._count("without colour", left)
 
 
 @lru_cache(maxsize=2)
-def _off_image(path: Path) -> ByteArray:
+def _off_image(path: PictureFile) -> ByteArray:
     return read_image(path)

@@ -8,7 +8,7 @@ does not notice.
 import numpy as np
 from numba import njit
 
-from twinline.arrays import BoolArray, ByteArray, FloatArray, IntArray
+from twinline.arrays import BoolArray, ByteArray, FloatArray
 from twinline.geometry.rig import Rig
 
 CLEARANCE_PX = 20.0
@@ -25,36 +25,41 @@ def shift_per_mm(rig: Rig) -> FloatArray:
 
 @njit(cache=True, error_model="numpy")
 def sample_colours(
-    pixels: FloatArray, shift_px: FloatArray, image: ByteArray, offset_mm: float, stripes: FloatArray, along_u: bool,
-    places: IntArray, colours: ByteArray,
-) -> BoolArray:  # fmt: skip
-    """Take the colours of pixels from another frame, where they are clear of every stripe.
+    pixels: FloatArray, depth_mm: FloatArray, move: FloatArray, image: ByteArray, stripes: FloatArray, along_u: bool,
+    missing: BoolArray, colours: ByteArray,
+) -> int:  # fmt: skip
+    """Take the colours of lit pixels from another frame, where they are clear of every stripe.
 
     Parameters
     ----------
     pixels : (n, 2) array
         Lit pixels u, v.
-    shift_px : (n, 2) array
-        Movement of each per commanded millimetre.
+    depth_mm : (n,) array
+        Their distances from the camera.
+    move : (2,) array
+        Pixels times depth that each moves from the lit frame to the other.
     image : (h, w, 3) uint8 array
         The other frame, blue green red.
-    offset_mm
-        Commanded millimetres from the lit frame to the other.
     stripes : (lasers, columns) array
         Stripe centres in the other frame; NaN where there is none.
-    places : (n,) int array
-        Rows of ``colours`` to fill, red green blue.
+    missing : (n,) bool array
+        Which pixels want a colour; cleared where it was found.
+    colours : (n, 3) uint8 array
+        Red, green, blue, to be filled in.
 
     Returns
     -------
-    (n,) bool array
-        Which pixels got their colour.
+    int
+        How many are still missing.
     """
-    done = np.zeros(pixels.shape[0], np.bool_)
     height, width = image.shape[0], image.shape[1]
-    for i in range(pixels.shape[0]):
-        u = round(pixels[i, 0] + shift_px[i, 0] * offset_mm)
-        v = round(pixels[i, 1] + shift_px[i, 1] * offset_mm)
+    left = 0
+    for i in range(missing.size):
+        if not missing[i]:
+            continue
+        left += 1
+        u = round(pixels[i, 0] + move[0] / depth_mm[i])
+        v = round(pixels[i, 1] + move[1] / depth_mm[i])
         if u < 0 or v < 0 or u >= width or v >= height:
             continue
         column, place = (u, v) if along_u else (v, u)
@@ -64,8 +69,7 @@ def sample_colours(
             if abs(stripes[laser, column] - place) < CLEARANCE_PX:
                 clear = False
         if clear:
-            colours[places[i], 0] = image[v, u, 2]
-            colours[places[i], 1] = image[v, u, 1]
-            colours[places[i], 2] = image[v, u, 0]
-            done[i] = True
-    return done
+            colours[i, 0], colours[i, 1], colours[i, 2] = image[v, u, 2], image[v, u, 1], image[v, u, 0]
+            missing[i] = False
+            left -= 1
+    return left

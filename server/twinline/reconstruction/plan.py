@@ -15,12 +15,13 @@ from twinline.reconstruction.reference import BedDrift, drift_of, smooth_line
 from twinline.reconstruction.result import NO_STRIPE, FrameProblem, ReconstructionOptions
 from twinline.recording.capture import Capture
 from twinline.recording.frames import FrameSequence
-from twinline.recording.images import read_image
+from twinline.recording.images import PictureFile, read_image
 from twinline.stripe.choice import choose_light
-from twinline.stripe.extraction import extract_light
+from twinline.stripe.extraction import extract_light, usual_widths
 from twinline.stripe.light import Light, take_light
 from twinline.stripe.model import ExtractionSettings, StripeProfile
 from twinline.stripe.noise import noise_from_residuals, read_noise, rounded
+from twinline.stripe.width import UsualWidth
 
 SAMPLED_FRAMES = 5
 DRIFT_FRAMES = 16
@@ -39,6 +40,8 @@ class Plan:
         Where to look for each stripe: rows [low, high) per column ("along-u"; columns and rows swap for "along-v").
     bed_px : (lasers, columns) array or None
         Where the rig sees each stripe on the bare bed; only where a reference pass is subtracted.
+    widths
+        How wide the stripes are in this pass; None leaves that to each frame.
     drift
         Shift of the bed against the reference pass.
     off
@@ -50,8 +53,9 @@ class Plan:
     bands: IntArray
     settings: ExtractionSettings
     noise: NoiseModel
-    off: Path | None
+    off: PictureFile | None
     bed_px: FloatArray | None
+    widths: tuple[UsualWidth, ...] | None = None
     drift: BedDrift = field(default_factory=lambda: BedDrift(np.empty(0), np.empty((0, 0))))
 
     @property
@@ -65,7 +69,7 @@ class Plan:
 
     def profile(self, image: ByteArray, off: ByteArray | None) -> StripeProfile:
         """The stripes of a frame, one row per laser of ``lasers``."""
-        return extract_light(self.light(image, off), self.bands, self.settings, self.noise)
+        return extract_light(self.light(image, off), self.bands, self.settings, self.noise, self.widths)
 
 
 def make_plan(capture: Capture, rig: Rig, options: ReconstructionOptions) -> tuple[Plan, FrameSequence]:
@@ -194,15 +198,19 @@ def _settle_light(plan: Plan, frames: FrameSequence, options: ReconstructionOpti
     plan = replace(plan, settings=replace(plan.settings, channel=choice.channel))
     if not choice.subtract_off:
         plan, off = replace(plan, off=None), None
-    if plan.rig.noise is not None:
-        return plan
     lights = [plan.light(image, off) for image in images]
+    noise = plan.rig.noise or _noise(plan, lights)
+    return replace(plan, noise=noise, widths=usual_widths(lights, plan.bands, plan.settings, noise))
+
+
+def _noise(plan: Plan, lights: list[Light]) -> NoiseModel:
+    """Noise model from a few frames of the pass."""
     noise = rounded(NoiseModel(read_dn=float(np.median([read_noise(light) for light in lights]))))
     start = noise
     for _ in range(2 if plan.settings.method == "maximum-likelihood" else 0):
         pictures = [(light, extract_light(light, plan.bands, plan.settings, noise)) for light in lights]
         noise = noise_from_residuals(pictures, start, plan.settings)
-    return replace(plan, noise=noise)
+    return noise
 
 
 def require_stripes(found: int, frames: int, folder: Path, problems: Sequence[FrameProblem]) -> None:

@@ -22,11 +22,15 @@ def sample(
 ) -> tuple[bool, list[int]]:
     stripes = np.full((1, SIZE[1] if along_u else SIZE[0]), stripe)
     colours = np.full((3, 3), 128, np.uint8)
-    done = sample_colours(
-        np.array([pixel]), np.array([shift]), picture(), 2.0, stripes, along_u, np.array([1]), colours
-    )
+    missing = np.array([False, True, False])
+    depth = 2.0
+    left = sample_colours(
+        np.full((3, 2), pixel), np.full(3, depth), 2.0 * depth * np.array(shift), picture(), stripes, along_u, missing,
+        colours,
+    )  # fmt: skip
     assert (colours[[0, 2]] == 128).all()
-    return bool(done[0]), colours[1].tolist()
+    assert left == int(missing.sum())
+    return not missing[1], colours[1].tolist()
 
 
 def test_the_colour_is_taken_where_the_point_has_moved_to_as_red_green_blue() -> None:
