@@ -1,5 +1,8 @@
 """Stripe extraction: one picture in, one `StripeProfile` out."""
 
+from collections.abc import Sequence
+from typing import NamedTuple
+
 import numpy as np
 
 from twinline.arrays import ByteArray, FloatArray, IntArray
@@ -9,18 +12,18 @@ from twinline.geometry.rig import StripeRuns
 from twinline.stripe import tabulated
 from twinline.stripe.censored import fit_carefully
 from twinline.stripe.classical import fit_classical
-from twinline.stripe.continuity import broken_columns, fragments
 from twinline.stripe.light import Light, take_light
-from twinline.stripe.model import ExtractionSettings, Flag, StripeProfile
+from twinline.stripe.model import ExtractionSettings, StripeProfile
 from twinline.stripe.noise import estimate_noise, read_noise
 from twinline.stripe.peaks import find_peaks, tile_bands
 from twinline.stripe.tables import LOWEST_AMPLITUDE_DN, SLOPE_SCALE, WIDTH_CLASSES, filter_table
-from twinline.stripe.verdict import enter_fits, enter_runners_up, median, settle_width, significant
-from twinline.stripe.width import sample_places, usual_width
+from twinline.stripe.verdict import enter_stripes, median, settle_width, significant
+from twinline.stripe.width import UsualWidth, sample_places, usual_width
 
 _CAREFUL_REACH_WIDTHS = 7.0
 _COARSE_GRAIN = (0.28, 1.4)
 """Speckle contrast above which, and width in pixels below which, only the full likelihood stays near the bound."""
+_MARGIN = 1.0 / 0.85
 _WIDTH_SPREAD = (0.06, 0.5)
 """Least and most assumed relative spread of a stripe's width along one image."""
 
@@ -64,18 +67,72 @@ def extract(
     return extract_light(light, limits, settings, noise)
 
 
-def extract_light(light: Light, bands: IntArray, settings: ExtractionSettings, noise: NoiseModel) -> StripeProfile:
-    """Find the stripes in prepared light, in bands of shape (lasers, columns, 2), under a known noise model."""
-    lasers, columns = bands.shape[0], light.columns
-    peak = np.empty((lasers, columns), np.int32)
-    runner_up = np.empty((lasers, columns), np.int32)
-    runner_up_value = np.empty((lasers, columns), np.uint8)
-    find_peaks(light.search, light.step, light.channel, light.minus, tile_bands(bands), settings.exclusion_px,
-               peak, runner_up, runner_up_value)  # fmt: skip
-    profile = StripeProfile.empty(lasers, columns)
-    for laser in range(lasers):
-        _fit_laser(light, settings, noise, peak[laser], runner_up[laser], runner_up_value[laser], profile, laser)
+def extract_light(
+    light: Light,
+    bands: IntArray,
+    settings: ExtractionSettings,
+    noise: NoiseModel,
+    widths: Sequence[UsualWidth] | None = None,
+) -> StripeProfile:
+    """Find the stripes in prepared light.
+
+    Parameters
+    ----------
+    bands : (lasers, columns, 2) int array
+        See `extract`.
+    noise
+        Noise of the pixels.
+    widths
+        How wide each laser's stripe is in this pass, as `usual_widths` finds it; found in this picture alone where not
+        given.
+    """
+    peaks = _peaks(light, bands, settings)
+    profile = StripeProfile.empty(*peaks.row.shape)
+    for laser in range(len(peaks.row)):
+        _fit_laser(light, settings, noise, peaks, widths[laser] if widths else None, profile, laser)
     return profile
+
+
+def usual_widths(
+    lights: Sequence[Light], bands: IntArray, settings: ExtractionSettings, noise: NoiseModel
+) -> tuple[UsualWidth, ...] | None:
+    """How wide each laser's stripe is over some pictures of one pass, and how much that varies.
+
+    None if the method needs no width, or for lack of stripes.
+    """
+    if settings.method != "maximum-likelihood":
+        return None
+    pictures = [(light, _peaks(light, bands, settings)) for light in lights]
+    widths = []
+    for laser in range(len(bands)):
+        seen = []
+        for light, peaks in pictures:
+            columns = np.flatnonzero(peaks.row[laser] >= 0).astype(np.int32)
+            if len(columns):
+                width = _settled_width(light, settings, noise, columns, peaks.row[laser][columns])
+                seen += [width] if width.seen else []
+        if not seen:
+            return None
+        middle = float(np.median([width.px for width in seen]))
+        between = float(np.std([width.px for width in seen])) / middle
+        spread = float(np.hypot(np.median([width.spread for width in seen]), between))
+        widths.append(UsualWidth(middle, min(spread, _WIDTH_SPREAD[1]), seen=True))
+    return tuple(widths)
+
+
+class _Peaks(NamedTuple):
+    """The most and the next most prominent pixel of each column, (lasers, columns); see `find_peaks`."""
+
+    row: IntArray
+    runner_up: IntArray
+    runner_up_value: ByteArray
+
+
+def _peaks(light: Light, bands: IntArray, settings: ExtractionSettings) -> _Peaks:
+    shape = bands.shape[:2]
+    peaks = _Peaks(np.empty(shape, np.int32), np.empty(shape, np.int32), np.empty(shape, np.uint8))
+    find_peaks(light.search, light.step, light.channel, light.minus, tile_bands(bands), settings.exclusion_px, *peaks)
+    return peaks
 
 
 def _bands(light: Light, bands: IntArray | None) -> IntArray:
@@ -90,41 +147,32 @@ def _bands(light: Light, bands: IntArray | None) -> IntArray:
 
 
 def _fit_laser(
-    light: Light, settings: ExtractionSettings, noise: NoiseModel, peak: IntArray, runner_up: IntArray,
-    runner_up_value: ByteArray, profile: StripeProfile, laser: int,
+    light: Light, settings: ExtractionSettings, noise: NoiseModel, peaks: _Peaks, width: UsualWidth | None,
+    profile: StripeProfile, laser: int,
 ) -> None:  # fmt: skip
+    peak, runner_up = peaks.row[laser], peaks.runner_up[laser]
     columns = np.flatnonzero(peak >= 0).astype(np.int32)
     if not len(columns):
         return
-    fit = fit_at(light, settings, noise, columns, peak[columns])
-    usual = median(fit[tabulated.WIDTH], 1.0)
+    fit = fit_at(light, settings, noise, columns, peak[columns], width)
+    usual = width.px if width else median(fit[tabulated.WIDTH], 1.0)
     found = significant(fit, noise.read_dn, settings.detection_snr, usual)
     swapped = np.zeros(len(columns), bool)
     if not found.all() and len(again := np.flatnonzero(~found & (runner_up[columns] >= 0))):
-        second = fit_at(light, settings, noise, columns[again], runner_up[columns[again]])
+        second = fit_at(light, settings, noise, columns[again], runner_up[columns[again]], width)
         better = significant(second, noise.read_dn, settings.detection_snr, usual)
         fit[:, again[better]] = second[:, better]
         swapped[again[better]] = True
         found[again[better]] = True
-    flags = profile.flags[laser]
-    enter_fits(fit, found, columns, light.flat, light.step, light.channel, settings.saturation_dn, noise.read_dn,
-               settings.detection_snr, usual, profile.centre_px[laser], profile.sd_px[laser],
-               profile.amplitude_dn[laser], profile.width_px[laser], profile.background_dn[laser],
-               profile.misfit[laser], flags)  # fmt: skip
-    drop = fragments(profile.centre_px[laser], profile.sd_px[laser], flags)
-    if drop.any():
-        for values in (profile.centre_px, profile.sd_px, profile.amplitude_dn, profile.width_px, profile.background_dn,
-                       profile.misfit):  # fmt: skip
-            values[laser, drop] = np.nan
-        flags[drop] = int(Flag.MISSING)
-    flags[broken_columns(profile.centre_px[laser], profile.sd_px[laser])] |= int(Flag.BROKEN)
-    enter_runners_up(fit, swapped, columns, runner_up, runner_up_value, noise.read_dn, profile.runner_up_px[laser],
-                     profile.runner_up_dn[laser], flags)  # fmt: skip
+    enter_stripes(fit, found, swapped, columns, light.flat, light.step, light.channel, settings.saturation_dn,
+                  noise.read_dn, settings.detection_snr, usual, runner_up, peaks.runner_up_value[laser],
+                  profile.rows(laser), profile.flags[laser])  # fmt: skip
 
 
 def fit_at(
-    light: Light, settings: ExtractionSettings, noise: NoiseModel, columns: IntArray, rows: IntArray
-) -> FloatArray:
+    light: Light, settings: ExtractionSettings, noise: NoiseModel, columns: IntArray, rows: IntArray,
+    usual: UsualWidth | None = None,
+) -> FloatArray:  # fmt: skip
     """Fit a stripe near the given pixel of each column with the chosen method.
 
     Returns
@@ -135,11 +183,11 @@ def fit_at(
     if settings.method != "maximum-likelihood":
         return fit_classical(light, settings, noise, columns, rows)
     out = np.full((tabulated.RESULTS, len(columns)), np.nan)
-    width, prior = _settled_width(light, settings, noise, columns, rows)
+    width, prior, _ = usual or _settled_width(light, settings, noise, columns, rows)
     if noise.speckle > _COARSE_GRAIN[0] and width < _COARSE_GRAIN[1]:
         return _careful(light, settings, noise, columns, rows, width, prior)
     classes = range(len(WIDTH_CLASSES))
-    first = _width_class(width)
+    first = _width_class(width, prior)
     outcome = _run_table(light, settings, noise, columns, rows, first, width, prior, out)
     if (outcome == tabulated.DONE).all():
         return out
@@ -164,23 +212,26 @@ def fit_at(
 
 def _settled_width(
     light: Light, settings: ExtractionSettings, noise: NoiseModel, columns: IntArray, rows: IntArray
-) -> tuple[float, float]:
+) -> UsualWidth:
     """Median width of a sample of columns, each fitted with its width free, and the relative spread beyond noise.
 
     For a Gaussian profile the width is known as well as the centre (both have the information
     ``A^2 sqrt(pi) / (2 w n^2)``), so the centre's reported deviation serves for both.
     """
     width = usual_width(light, columns, rows)
-    index = _width_class(width)
+    index = _width_class(width, _WIDTH_SPREAD[1])
     sample = sample_places(len(columns))
     out = np.full((tabulated.RESULTS, len(sample)), np.nan)
     outcome = _run_table(light, settings, noise, columns[sample], rows[sample], index, width, 0.0, out)
     middle, spread = settle_width(out, outcome, noise.read_dn, settings.detection_snr, _WIDTH_SPREAD)
-    return (middle if np.isfinite(middle) else width), spread
+    seen = bool(np.isfinite(middle))
+    return UsualWidth(middle if seen else width, spread, seen)
 
 
-def _width_class(width: float) -> int:
-    fitting = (i for i, c in enumerate(WIDTH_CLASSES) if width <= 0.85 * c.widest * c.binning)
+def _width_class(width: float, spread: float) -> int:
+    """The narrowest class of tables that holds nearly all widths of such a spread."""
+    widest = width * min(1.0 + 2.0 * spread, _MARGIN)
+    fitting = (i for i, c in enumerate(WIDTH_CLASSES) if widest <= c.widest * c.binning)
     return next(fitting, len(WIDTH_CLASSES) - 1)
 
 
@@ -208,7 +259,7 @@ def _run_table(
     fit = tabulated.fit_32 if width_class.taps == 32 else tabulated.fit_64
     fit(light.flat, light.off, light.has_off, light.step, light.channel, light.minus, settings.saturation_dn,
         columns, rows.copy(), width, prior, width_class.binning, table.filters, table.sd,
-        table.sd_amplitude, table.sd_width, table.weights, width_class.narrowest, width_class.widest,
+        table.sd_amplitude, table.sd_width, table.weights, table.degrees, width_class.narrowest, width_class.widest,
         LOWEST_AMPLITUDE_DN, float(SLOPE_SCALE), out, outcome)  # fmt: skip
     return outcome
 

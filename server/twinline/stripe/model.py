@@ -52,6 +52,18 @@ REJECTED = Flag.MISSING | Flag.NARROW
 """Flags of columns that hold no measurement whatever the caller wants."""
 
 
+_VALUES = (
+    "centre_px",
+    "sd_px",
+    "amplitude_dn",
+    "width_px",
+    "background_dn",
+    "runner_up_px",
+    "runner_up_dn",
+    "misfit",
+)
+
+
 @dataclass(frozen=True, eq=False)
 class StripeProfile:
     """Stripes of one image, one row per laser and one entry per column (per image row if stripes run along v).
@@ -86,18 +98,14 @@ class StripeProfile:
     @classmethod
     def empty(cls, lasers: int, columns: int) -> "StripeProfile":
         """A profile in which no stripe has been found yet."""
-        names = (
-            "centre_px",
-            "sd_px",
-            "amplitude_dn",
-            "width_px",
-            "background_dn",
-            "runner_up_px",
-            "runner_up_dn",
-            "misfit",
-        )
-        values = {name: np.full((lasers, columns), np.nan) for name in names}
-        return cls(flags=np.full((lasers, columns), int(Flag.MISSING), np.uint16), **values)
+        # One block for all, since this is made anew for every frame.
+        values = np.full((len(_VALUES), lasers, columns), np.nan)
+        flags = np.full((lasers, columns), int(Flag.MISSING), np.uint16)
+        return cls(flags=flags, **dict(zip(_VALUES, values, strict=True)))
+
+    def rows(self, laser: int) -> tuple[FloatArray, ...]:
+        """One laser's rows of all but the flags, in the order in which they are declared."""
+        return tuple(getattr(self, name)[laser] for name in _VALUES)
 
     @property
     def found(self) -> np.ndarray[tuple[int, ...], np.dtype[np.bool_]]:

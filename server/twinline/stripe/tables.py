@@ -68,7 +68,9 @@ class FilterTable:
     sd_amplitude, sd_width : same shape
         of ``A`` in DN and of ``A ds`` in DN taps, for the noise at that node.
     weights : (amplitudes, phases, widths, taps) float32 array
-        Inverse variances, in 1/DN^2.
+        Inverse variances, in 1/DN^2; 0 where a tap is not used.
+    degrees : (amplitudes, phases, widths) float32 array
+        Taps that are used, less the five parameters.
     """
 
     width_class: WidthClass
@@ -77,6 +79,7 @@ class FilterTable:
     sd_amplitude: FloatArray
     sd_width: FloatArray
     weights: FloatArray
+    degrees: FloatArray
 
 
 @lru_cache(maxsize=32)
@@ -117,4 +120,5 @@ def filter_table(width_class: WidthClass, noise: NoiseModel) -> FilterTable:
         sd_amplitude[i] = np.sqrt(covariance[:, :, 0, 0])
         sd_width[i] = np.sqrt(covariance[:, :, 2, 2])
         weights[i] = w
-    return FilterTable(c, filters, sd, sd_amplitude, sd_width, weights)
+    degrees = np.asarray((weights > 0).sum(axis=-1) - 5, dtype=np.float32)
+    return FilterTable(c, filters, sd, sd_amplitude, sd_width, weights, degrees)

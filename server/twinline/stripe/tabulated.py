@@ -15,6 +15,9 @@ MU, AMPLITUDE, WIDTH, BACKGROUND, SD, SD_AMPLITUDE, MISFIT = range(7)
 """Rows of the result array."""
 RESULTS = 7
 
+FITTED = 255
+"""Of a column in a block: no more to do."""
+
 
 @njit(cache=True, error_model="numpy", fastmath=_FAST)
 def _gather(
@@ -77,6 +80,157 @@ def _gather(
         care[j] |= np.uint8(brightest >= saturation)
 
 
+@njit(cache=True, error_model="numpy", fastmath=_FAST, inline="always")
+def _look_up(
+    table: FloatArray, filters: np.uint64, window: FloatArray, line: np.uint64, taps: int
+) -> tuple[np.float32, np.float32, np.float32]:
+    """A, A dmu and A ds of a window by the filters that start at a place of the table."""
+    row = np.uint64(taps)
+    a = p = q = np.float32(0.0)
+    for k in range(taps):
+        at = filters + np.uint64(k)
+        y = window[line + np.uint64(k)]
+        a += table[at] * y
+        p += table[at + row] * y
+        q += table[at + row + row] * y
+    return a, p, q
+
+
+@njit(cache=True, error_model="numpy", fastmath=_FAST, inline="always")
+def _remainder(
+    table: FloatArray, filters: np.uint64, inverse_variances: FloatArray, weights: np.uint64, window: FloatArray,
+    line: np.uint64, taps: int, slope_scale: np.float32, p: np.float32, q: np.float32,
+) -> tuple[np.float32, np.float32]:  # fmt: skip
+    """Background of a window, and the weighted sum of squares that its model leaves."""
+    row = np.uint64(taps)
+    three, six = row + row + row, np.uint64(6) * row
+    # The amplitude is known already; but a loop of less than three sums is unrolled before it could be vectorised.
+    a = b = g = np.float32(0.0)
+    for k in range(taps):
+        at = filters + np.uint64(k)
+        y = window[line + np.uint64(k)]
+        a += table[at] * y
+        b += table[at + three] * y
+        g += table[at + three + row] * y
+    g *= slope_scale
+    misfit = np.float32(0.0)
+    for k in range(taps):
+        at = filters + six + np.uint64(k)
+        model = a * table[at - row] + p * table[at] + q * table[at + row]
+        r = window[line + np.uint64(k)] - (b + g * np.float32(k - (taps // 2 - 1)) + model)
+        misfit += r * r * inverse_variances[weights + np.uint64(k)]
+    return b, misfit
+
+
+@njit(cache=True, error_model="numpy", fastmath=_FAST, inline="always")
+def _next_width(
+    node: np.float32, step: np.float32, usual: np.float32, prior_weight: np.float32, sd: np.float32
+) -> np.float32:
+    """Width after a step from a node, drawn to the usual one: a grain of speckle can pass for a very narrow stripe."""
+    pull = prior_weight * sd * sd
+    return np.float32((node + step + usual * pull) / (np.float32(1.0) + pull))
+
+
+@njit(cache=True, error_model="numpy", fastmath=_FAST, inline="always")
+def _amplitude_node(a: np.float32, lowest: np.float32, amplitudes: int) -> int:
+    """The amplitude node whose noise is that of an amplitude."""
+    ia, level = 1, lowest * np.float32(1.41421356)
+    while ia < amplitudes - 1 and a > level:
+        ia += 1
+        level *= np.float32(2.0)
+    return ia
+
+
+@njit(cache=True, error_model="numpy", fastmath=_FAST, inline="always")
+def _between_amplitudes(
+    values: FloatArray, ia: int, in_node: np.uint64, nodes: np.uint64, a: np.float32, lowest: np.float32,
+    amplitudes: int,
+) -> np.float32:  # fmt: skip
+    """A standard deviation at an amplitude: between amplitude nodes it follows a power law."""
+    value = np.float32(values[np.uint64(ia) * nodes + in_node])
+    if amplitudes == 1:
+        return value
+    place = np.log2(max(a, np.float32(1.0)) / lowest) - np.float32(ia - 1)
+    other = min(max(ia + (1 if place > 0 else -1), 1), amplitudes - 1)
+    if other == ia:
+        return value
+    return np.float32(value * (values[np.uint64(other) * nodes + in_node] / value) ** abs(place))
+
+
+@njit(cache=True, error_model="numpy", fastmath=_FAST, inline="always")
+def _usual_columns(
+    table: FloatArray, shape: tuple[int, int, int], sds: FloatArray, sds_amplitude: FloatArray, sds_width: FloatArray,
+    inverse_variances: FloatArray, degrees: FloatArray, window: FloatArray, care: ByteArray, usual: np.float32,
+    prior_weight: np.float32, low: np.float32, width_step: np.float32, lowest: np.float32, slope: np.float32,
+    binning: int, taps: int, rows: IntArray, first: int, last: int, kept: tuple[FloatArray, ...], places: IntArray,
+    out: FloatArray, outcome: ByteArray,
+) -> None:  # fmt: skip
+    """Fit the columns that two or three look-ups settle, and mark them as fitted.
+
+    Nearly all columns are of this kind. Taken through the same step one after another, they keep the processor busy
+    while each would wait for its own last result.
+    """
+    one, half, quarter, close = np.float32(1.0), np.float32(0.5), np.float32(0.25), np.float32(0.06)
+    amplitudes, phases, widths = shape
+    row, step, nodes = np.uint64(taps), np.uint64(8 * taps), np.uint64(phases * widths)
+    n = last - first
+    mu, s, amplitude, dm, ds, anchor, spread = kept
+    per_width, per_phase = one / width_step, one / np.float32(phases)
+    last_phase, last_width = np.float32(phases - 1), np.float32(widths - 1)
+    for j in range(n):
+        mu[j], s[j], outcome[first + j] = np.float32(0.0), usual, NEEDS_CARE if care[j] != 0 else NOTHING
+    for turn in range(2 if amplitudes == 1 else 3):
+        for j in range(n):
+            if outcome[first + j] != NOTHING:
+                continue
+            before = s[j]
+            phase = np.floor(min(max((mu[j] + half) * np.float32(phases), np.float32(0.0)), last_phase))
+            width = np.floor(min(max((before - low) * per_width + half, np.float32(0.0)), last_width))
+            ia = _amplitude_node(amplitude[j], lowest, amplitudes) if turn > 0 and amplitudes > 1 else 0
+            place = np.uint64((ia * phases + np.int32(phase)) * widths + np.int32(width))
+            a, p, q = _look_up(table, place * step, window, np.uint64(j * taps), taps)
+            width = low + width * width_step
+            over = one / max(a, half)
+            # Far from the node the profile is no longer linear: a step longer than a width means little.
+            reach = width if ia == 0 else half * width
+            dm[j] = min(max(p * over, -reach), reach)
+            ds[j] = min(max(q * over, -half * width), half * width)
+            mu[j] = (phase + half) * per_phase - half + dm[j]
+            s[j] = _next_width(width, ds[j], usual, prior_weight, sds_width[place] * over)
+            amplitude[j], places[j] = a, place
+            moved, widened = abs(dm[j]), abs(s[j] - before)
+            if not a > half or abs(mu[j]) > half:
+                outcome[first + j] = NEEDS_CARE
+            elif turn == 0:
+                anchor[j], spread[j] = mu[j], s[j]
+                if amplitudes > 1 and not (moved < quarter * s[j] and widened < quarter * s[j]):
+                    outcome[first + j] = NEEDS_CARE
+            elif moved < close and widened < close + width_step:
+                outcome[first + j] = DONE
+    high = low + width_step * last_width
+    for j in range(n):
+        a, at = amplitude[j], first + j
+        lost = amplitudes > 1 and abs(mu[j] - anchor[j]) > spread[j]
+        if outcome[at] != DONE or lost:
+            continue
+        care[j] = FITTED
+        if s[j] > high or s[j] < low:
+            outcome[at] = TOO_WIDE if s[j] > high else TOO_NARROW
+            continue
+        place = places[j]
+        b, misfit = _remainder(table, place * step, inverse_variances, place * row, window, np.uint64(j * taps), taps,
+                               slope, dm[j] * a, ds[j] * a)  # fmt: skip
+        ia, in_node = int(place // nodes), place % nodes
+        sd = _between_amplitudes(sds, ia, in_node, nodes, a, lowest, amplitudes)
+        out[MU, at] = rows[at] - (binning - 1) // 2 + np.float32(0.5 * (binning - 1)) + mu[j] * np.float32(binning)
+        out[AMPLITUDE, at] = a
+        out[WIDTH, at] = s[j] * np.float32(binning)
+        out[BACKGROUND, at] = b
+        out[SD, at] = sd / a * np.float32(binning)
+        out[SD_AMPLITUDE, at] = _between_amplitudes(sds_amplitude, ia, in_node, nodes, a, lowest, amplitudes)
+        out[MISFIT, at] = misfit / degrees[place]
+
+
 def make_fit(taps: int):  # type: ignore[no-untyped-def]
     """Compile the fit for windows of a fixed number of taps; a constant length lets the compiler unroll it."""
 
@@ -84,12 +238,12 @@ def make_fit(taps: int):  # type: ignore[no-untyped-def]
     def fit(
         flat: ByteArray, off: ByteArray, has_off: bool, step: int, channel: int, minus: int, saturation: int,
         columns: IntArray, rows: IntArray, usual_width: float, prior: float, binning: int, filters: FloatArray,
-        sds: FloatArray, sds_amplitude: FloatArray, sds_width: FloatArray, weights: FloatArray, narrowest: float,
-        widest: float, lowest_amplitude: float, slope_scale: float, out: FloatArray, outcome: ByteArray,
+        sds: FloatArray, sds_amplitude: FloatArray, sds_width: FloatArray, weights: FloatArray, degrees: FloatArray,
+        narrowest: float, widest: float, lowest_amplitude: float, slope_scale: float, out: FloatArray,
+        outcome: ByteArray,
     ) -> None:  # fmt: skip
-        one, half, quarter = np.float32(1.0), np.float32(0.5), np.float32(0.25)
-        one_place, two, three, four = np.uint64(1), np.uint64(2), np.uint64(3), np.uint64(4)
-        five, six, seven, eight = np.uint64(5), np.uint64(6), np.uint64(7), np.uint64(8)
+        half, quarter = np.float32(0.5), np.float32(0.25)
+        one_place, two, eight, slope = np.uint64(1), np.uint64(2), np.uint64(8), np.float32(slope_scale)
         amplitudes, phases, widths = filters.shape[0], filters.shape[1], filters.shape[2]
         width_step = np.float32((widest - narrowest) / (widths - 1))
         low, high = np.float32(narrowest), np.float32(widest)
@@ -99,6 +253,11 @@ def make_fit(taps: int):  # type: ignore[no-untyped-def]
         table, inverse_variances = filters.reshape(filters.size), weights.reshape(weights.size)
         window, raw = np.zeros(GATHER_COLUMNS * taps, np.float32), np.zeros(GATHER_COLUMNS * taps, np.uint8)
         beside, care = np.zeros(GATHER_COLUMNS * taps, np.uint8), np.empty(GATHER_COLUMNS, np.uint8)
+        flat_sds, flat_sds_amplitude = sds.reshape(sds.size), sds_amplitude.reshape(sds.size)
+        flat_sds_width, flat_degrees = sds_width.reshape(sds.size), degrees.reshape(sds.size)
+        lowest = np.float32(lowest_amplitude)
+        scratch, places = np.empty((7, GATHER_COLUMNS), np.float32), np.empty(GATHER_COLUMNS, np.uint64)
+        kept = (scratch[0], scratch[1], scratch[2], scratch[3], scratch[4], scratch[5], scratch[6])
         row = np.uint64(taps)
         before = (taps // 2 - 1) * binning + (binning - 1) // 2
         centre_of_first = np.float32(0.5 * (binning - 1))
@@ -109,7 +268,12 @@ def make_fit(taps: int):  # type: ignore[no-untyped-def]
             last = min(first + GATHER_COLUMNS, rows.size)
             _gather(pixels, unlit, has_off, height, pitch, step, channel, minus, columns, rows, first, last, taps,
                     binning, saturation, raw, beside, window, care)  # fmt: skip
+            _usual_columns(table, (amplitudes, phases, widths), flat_sds, flat_sds_amplitude, flat_sds_width,
+                           inverse_variances, flat_degrees, window, care, usual, prior_weight, low, width_step, lowest,
+                           slope, binning, taps, rows, first, last, kept, places, out, outcome)  # fmt: skip
             for j in range(first, last):
+                if care[j - first] == FITTED:
+                    continue
                 if care[j - first] != 0:
                     outcome[j] = NEEDS_CARE
                     continue
@@ -127,21 +291,9 @@ def make_fit(taps: int):  # type: ignore[no-untyped-def]
                     ip = min(max(int((mu + half) * np.float32(phases)), 0), phases - 1)
                     iw = min(max(int((s - low) / width_step + half), 0), widths - 1)
                     if amplitudes > 1 and near:
-                        ia = 1
-                        level = np.float32(lowest_amplitude) * np.float32(1.41421356)
-                        while ia < amplitudes - 1 and a > level:
-                            ia += 1
-                            level *= np.float32(2.0)
+                        ia = _amplitude_node(a, lowest, amplitudes)
                     f = np.uint64(((ia * phases + ip) * widths + iw) * 8 * taps)
-                    a = np.float32(0.0)
-                    p = np.float32(0.0)
-                    q = np.float32(0.0)
-                    for k in range(taps):
-                        at = f + np.uint64(k)
-                        y = window[line + np.uint64(k)]
-                        a += table[at] * y
-                        p += table[at + row] * y
-                        q += table[at + two * row] * y
+                    a, p, q = _look_up(table, f, window, line, taps)
                     if not a > np.float32(0.5):
                         break
                     before_s = s
@@ -152,9 +304,7 @@ def make_fit(taps: int):  # type: ignore[no-untyped-def]
                     ds = min(max(q / a, -half * node), half * node)
                     mu_node = (np.float32(ip) + half) / np.float32(phases) - half
                     mu = mu_node + dm
-                    # A grain of speckle can pass for a very narrow stripe: few data leave the width near the usual one.
-                    sd_s = sds_width[ia, ip, iw] / a
-                    s = (node + ds + usual * prior_weight * sd_s * sd_s) / (one + prior_weight * sd_s * sd_s)
+                    s = _next_width(node, ds, usual, prior_weight, flat_sds_width[f // np.uint64(8 * taps)] / a)
                     if mu > half or mu < -half:
                         # Move the window to the pixel that holds the centre, so that a node is always near.
                         move = int(np.floor(mu + half))
@@ -199,42 +349,18 @@ def make_fit(taps: int):  # type: ignore[no-untyped-def]
                     outcome[j] = TOO_NARROW
                     continue
                 node_place = np.uint64((ia * phases + ip) * widths + iw)
-                f = node_place * eight * row
-                b = np.float32(0.0)
-                g = np.float32(0.0)
-                used = np.float32(0.0)
-                for k in range(taps):
-                    at = f + np.uint64(k)
-                    y = window[line + np.uint64(k)]
-                    b += table[at + three * row] * y
-                    g += table[at + four * row] * y
-                    w = inverse_variances[node_place * row + np.uint64(k)]
-                    used += one if w > np.float32(0.0) else np.float32(0.0)
-                p, q, g = dm * a, ds * a, g * np.float32(slope_scale)
-                misfit = np.float32(0.0)
-                for k in range(taps):
-                    at = f + np.uint64(k)
-                    y = window[line + np.uint64(k)]
-                    w = inverse_variances[node_place * row + np.uint64(k)]
-                    model = a * table[at + five * row] + p * table[at + six * row] + q * table[at + seven * row]
-                    r = y - (b + g * np.float32(k - (taps // 2 - 1)) + model)
-                    misfit += r * r * w
-                # Between amplitude nodes the standard deviation follows a power law.
-                sd, sd_a = sds[ia, ip, iw], sds_amplitude[ia, ip, iw]
-                if amplitudes > 1:
-                    place = np.log2(max(a, one) / np.float32(lowest_amplitude)) - np.float32(ia - 1)
-                    other = min(max(ia + (1 if place > 0 else -1), 1), amplitudes - 1)
-                    if other != ia:
-                        share = abs(place)
-                        sd *= (sds[other, ip, iw] / sd) ** share
-                        sd_a *= (sds_amplitude[other, ip, iw] / sd_a) ** share
+                b, misfit = _remainder(table, node_place * eight * row, inverse_variances, node_place * row, window,
+                                       line, taps, slope, dm * a, ds * a)  # fmt: skip
                 out[MU, j] = rows[j] - (binning - 1) // 2 + centre_of_first + mu * np.float32(binning)
                 out[AMPLITUDE, j] = a
                 out[WIDTH, j] = s * np.float32(binning)
                 out[BACKGROUND, j] = b
+                in_node, nodes = np.uint64(ip * widths + iw), np.uint64(phases * widths)
+                sd = _between_amplitudes(flat_sds, ia, in_node, nodes, a, lowest, amplitudes)
                 out[SD, j] = sd / a * np.float32(binning)
+                sd_a = _between_amplitudes(flat_sds_amplitude, ia, in_node, nodes, a, lowest, amplitudes)
                 out[SD_AMPLITUDE, j] = sd_a
-                out[MISFIT, j] = misfit / (used - np.float32(5.0))
+                out[MISFIT, j] = misfit / flat_degrees[node_place]
                 outcome[j] = DONE
 
     return fit

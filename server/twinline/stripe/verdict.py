@@ -4,6 +4,7 @@ import numpy as np
 from numba import njit
 
 from twinline.arrays import BoolArray, ByteArray, FloatArray, IntArray
+from twinline.stripe.continuity import broken_columns, fragments
 from twinline.stripe.model import Flag
 from twinline.stripe.tabulated import AMPLITUDE, BACKGROUND, DONE, MISFIT, MU, SD, WIDTH
 
@@ -13,10 +14,12 @@ table, nothing is accepted: no lens draws a finer line."""
 
 _RUNNER_UP_SNR = 5.0
 _FEW = 32
+_SAMPLED_MISFITS = 256
 
 _WEAK, _WIDE, _NARROW = int(Flag.WEAK), int(Flag.WIDE), int(Flag.NARROW)
 _SECOND_PEAK, _SATURATED = int(Flag.SECOND_PEAK), int(Flag.SATURATED)
 _NEAR_EDGE, _POOR_FIT = int(Flag.NEAR_EDGE), int(Flag.POOR_FIT)
+_MISSING, _BROKEN = int(Flag.MISSING), int(Flag.BROKEN)
 
 
 @njit(cache=True, error_model="numpy")
@@ -125,7 +128,43 @@ def settle_width(
 
 
 @njit(cache=True, error_model="numpy")
-def enter_fits(
+def enter_stripes(
+    fit: FloatArray, found: BoolArray, swapped: BoolArray, columns: IntArray, light: ByteArray, step: int, channel: int,
+    saturation: int, read_dn: float, least_snr: float, usual: float, runner_up: IntArray, runner_up_value: ByteArray,
+    rows: tuple[FloatArray, ...], flags: IntArray,
+) -> None:  # fmt: skip
+    """Put the fits of one laser into its rows of the profile, with all flags.
+
+    Parameters
+    ----------
+    found, swapped : (n,) bool arrays
+        Columns with a stripe, and those whose stripe is the next highest peak.
+    columns : (n,) int array
+        What was fitted.
+    light : (rows, columns * step) uint8 array
+        The picture.
+    runner_up, runner_up_value : (columns,) arrays
+        Row and grey level of the next highest peaks.
+    rows, flags : (columns,) arrays
+        As `twinline.stripe.model.StripeProfile.rows` gives them, still empty; filled.
+    """
+    centre, sd, amplitude, width, background, runner_up_px, runner_up_dn, misfit = rows
+    _enter_fits(fit, found, columns, light, step, channel, saturation, read_dn, least_snr, usual, centre, sd, amplitude,
+                width, background, misfit, flags)  # fmt: skip
+    drop = fragments(centre, sd, flags)
+    for c in range(drop.size):
+        if drop[c]:
+            centre[c] = sd[c] = amplitude[c] = width[c] = background[c] = misfit[c] = np.nan
+            flags[c] = np.uint16(_MISSING)
+    broken = broken_columns(centre, sd)
+    for c in range(broken.size):
+        if broken[c]:
+            flags[c] |= np.uint16(_BROKEN)
+    _enter_runners_up(fit, swapped, columns, runner_up, runner_up_value, read_dn, runner_up_px, runner_up_dn, flags)
+
+
+@njit(cache=True, error_model="numpy")
+def _enter_fits(
     fit: FloatArray, found: BoolArray, columns: IntArray, light: ByteArray, step: int, channel: int, saturation: int,
     read_dn: float, least_snr: float, usual: float, centre: FloatArray, sd: FloatArray, amplitude: FloatArray,
     width: FloatArray, background: FloatArray, misfit: FloatArray, flags: IntArray,
@@ -141,7 +180,8 @@ def enter_fits(
     """
     last = light.shape[0] - 1
     of_found, n = np.empty(found.size), 0
-    for i in range(found.size):
+    every = max(found.size // _SAMPLED_MISFITS, 1)
+    for i in range(0, found.size, every):
         if found[i]:
             of_found[n] = fit[MISFIT, i]
             n += 1
@@ -173,7 +213,7 @@ def enter_fits(
 
 
 @njit(cache=True, error_model="numpy")
-def enter_runners_up(
+def _enter_runners_up(
     fit: FloatArray, swapped: BoolArray, columns: IntArray, row: IntArray, value: ByteArray, read_dn: float,
     runner_up_px: FloatArray, runner_up_dn: FloatArray, flags: IntArray,
 ) -> None:  # fmt: skip

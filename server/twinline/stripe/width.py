@@ -1,5 +1,7 @@
 """How wide a stripe usually is in one picture: from the mean profile of a sample of its columns."""
 
+from typing import NamedTuple
+
 import numpy as np
 from numba import njit
 
@@ -12,6 +14,14 @@ _LEAST, _MOST = 0.7, 20.0
 _UNKNOWN = 2.0
 _FWHM = 2.355
 """Full width of a Gaussian at half its height, in standard deviations."""
+
+
+class UsualWidth(NamedTuple):
+    """Width of a stripe: its standard deviation in pixels, how much that varies, relative; whether one was seen."""
+
+    px: float
+    spread: float
+    seen: bool
 
 
 @njit(cache=True, error_model="numpy")
