@@ -6,7 +6,7 @@ import numpy as np
 from numba import njit
 
 from twinline.arrays import ByteArray, FloatArray, IntArray
-from twinline.geometry.triangulation import PackedLaser, stripe_point
+from twinline.geometry.triangulation import PackedLaser, stripe_points_together
 from twinline.stripe.model import Flag
 
 _POOR_FIT, _BROKEN = int(Flag.POOR_FIT), int(Flag.BROKEN)
@@ -84,8 +84,7 @@ def enter_points(
     end, poor_fit, broken, off_the_sheet
         The row after the last one filled, and the columns without a point by reason; one column can have two.
     """
-    r, t, travel = packed.rotation, packed.translation, packed.travel
-    row, poor, broken, off = start, 0, 0, 0
+    poor, broken, end = 0, 0, start
     for c in range(centre.size):
         if not np.isfinite(centre[c]):
             continue
@@ -93,22 +92,24 @@ def enter_points(
         if flag & (_POOR_FIT | _BROKEN):
             poor += (flag & _POOR_FIT) != 0
             broken += (flag & _BROKEN) != 0
+        elif np.isfinite(place[c]):
+            room.column[end] = c
+            end += 1
+    count = end - start
+    u, v, deviation = np.empty(count), np.empty(count), np.empty(count)
+    for i in range(count):
+        c = room.column[start + i]
+        u[i], v[i] = (float(c), place[c]) if packed.along_u else (place[c], float(c))
+        deviation[i] = sd[c]
+    found = stripe_points_together(packed, u, v, deviation, cart_mm)
+    row = start
+    for i in range(count):
+        if not np.isfinite(found[3, i]):
             continue
-        if not np.isfinite(place[c]):
-            continue
-        u, v = (float(c), place[c]) if packed.along_u else (place[c], float(c))
-        x, y, z, sigma = stripe_point(packed, u, v, sd[c], cart_mm)
-        if not np.isfinite(sigma):
-            off += 1
-            continue
-        room.points_mm[row, 0], room.points_mm[row, 1], room.points_mm[row, 2] = x, y, z
-        room.sigma_mm[row], room.intensity[row] = sigma, amplitude[c]
-        room.depth_mm[row] = (
-            (x - t[0] - travel[0] * cart_mm) * r[2]
-            + (y - t[1] - travel[1] * cart_mm) * r[5]
-            + (z - t[2] - travel[2] * cart_mm) * r[8]
-        )
-        room.pixels[row, 0], room.pixels[row, 1] = u, v
+        c = room.column[start + i]
+        room.points_mm[row, 0], room.points_mm[row, 1], room.points_mm[row, 2] = found[0, i], found[1, i], found[2, i]
+        room.sigma_mm[row], room.depth_mm[row], room.intensity[row] = found[3, i], found[4, i], amplitude[c]
+        room.pixels[row, 0], room.pixels[row, 1] = u[i], v[i]
         room.laser[row], room.column[row], room.source[row] = laser, c, source
         row += 1
-    return row, poor, broken, off
+    return row, poor, broken, end - row

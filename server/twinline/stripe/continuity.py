@@ -15,6 +15,13 @@ SHORTEST_FRAGMENT = 4
 _DOUBTFUL = int(Flag.WEAK | Flag.NARROW | Flag.WIDE)
 
 
+@njit(cache=True, error_model="numpy", inline="always")
+def _goes_on(step_px: float, variance: float) -> bool:
+    """Whether a step from column to column is one that noise of such a variance explains; NaN is none."""
+    beyond = abs(step_px) - JUMP_PX
+    return beyond <= 0.0 or beyond * beyond <= 16.0 * variance
+
+
 @njit(cache=True, error_model="numpy")
 def broken_columns(centre: FloatArray, sd: FloatArray) -> BoolArray:
     """Columns beside which the stripe jumps or ends, (columns,) bool; only columns with a stripe count.
@@ -24,8 +31,7 @@ def broken_columns(centre: FloatArray, sd: FloatArray) -> BoolArray:
     n = centre.size
     broken = np.zeros(n, np.bool_)
     for i in range(n - 1):
-        spread = 4.0 * np.sqrt(sd[i] * sd[i] + sd[i + 1] * sd[i + 1])
-        if not abs(centre[i + 1] - centre[i]) <= JUMP_PX + spread:
+        if not _goes_on(centre[i + 1] - centre[i], sd[i] * sd[i] + sd[i + 1] * sd[i + 1]):
             broken[i] = centre[i] == centre[i]
             broken[i + 1] = centre[i + 1] == centre[i + 1]
     return broken
@@ -43,9 +49,7 @@ def fragments(centre: FloatArray, sd: FloatArray, flags: IntArray) -> BoolArray:
             continue
         end = start + 1
         doubtful = (flags[start] & _DOUBTFUL) != 0
-        while end < n and abs(centre[end] - centre[end - 1]) <= JUMP_PX + 4.0 * np.sqrt(
-            sd[end] ** 2 + sd[end - 1] ** 2
-        ):
+        while end < n and _goes_on(centre[end] - centre[end - 1], sd[end] * sd[end] + sd[end - 1] * sd[end - 1]):
             doubtful = doubtful or (flags[end] & _DOUBTFUL) != 0
             end += 1
         if doubtful and end - start < SHORTEST_FRAGMENT:

@@ -16,7 +16,7 @@ from twinline.stripe.light import Light, take_light
 from twinline.stripe.model import ExtractionSettings, StripeProfile
 from twinline.stripe.noise import estimate_noise, read_noise
 from twinline.stripe.peaks import find_peaks, tile_bands
-from twinline.stripe.tables import LOWEST_AMPLITUDE_DN, SLOPE_SCALE, WIDTH_CLASSES, filter_table
+from twinline.stripe.tables import LOWEST_AMPLITUDE_DN, WIDTH_CLASSES, filter_table
 from twinline.stripe.verdict import enter_stripes, median, settle_width, significant
 from twinline.stripe.width import UsualWidth, sample_places, usual_width
 
@@ -258,9 +258,9 @@ def _run_table(
     table = filter_table(width_class, noise)
     fit = tabulated.fit_32 if width_class.taps == 32 else tabulated.fit_64
     fit(light.flat, light.off, light.has_off, light.step, light.channel, light.minus, settings.saturation_dn,
-        columns, rows.copy(), width, prior, width_class.binning, table.filters, table.sd,
-        table.sd_amplitude, table.sd_width, table.weights, table.degrees, width_class.narrowest, width_class.widest,
-        LOWEST_AMPLITUDE_DN, float(SLOPE_SCALE), out, outcome)  # fmt: skip
+        columns, rows.copy(), width, prior, width_class.binning, table.filters, table.sums,
+        table.sd, table.sd_amplitude, table.sd_width, width_class.narrowest, width_class.widest, LOWEST_AMPLITUDE_DN,
+        out, outcome)  # fmt: skip
     return outcome
 
 

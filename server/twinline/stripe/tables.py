@@ -31,6 +31,9 @@ price grows as the window shrinks, costs 2 % of the precision here."""
 LEAST_REACH_TAPS = 8.0
 
 
+_PAIRS = ((0, 0), (0, 1), (0, 2), (0, 4), (1, 1), (1, 2), (1, 4), (2, 2), (2, 4), (4, 4))
+
+
 @dataclass(frozen=True)
 class WidthClass:
     """A family of tables: window length in taps, pixels averaged into one tap, widths in taps that it covers."""
@@ -59,27 +62,26 @@ class FilterTable:
 
     Attributes
     ----------
-    filters : (amplitudes, phases, widths, 8, taps) float32 array
-        Filters for A, A dmu, A ds, b and g; then the model m, dm/dmu and dm/ds at the node. Amplitude 0 stands for
-        noise that does not grow with the light: it is the only one if there is none that does, and otherwise the
-        one to start with, because weights that discount the core of the stripe only converge from nearby.
-    sd : (amplitudes, phases, widths) float32 array
+    filters : (amplitudes, widths, phases, 6, taps) float32 array
+        Filters for A, A dmu, A ds, b and g; then the inverse variances in 1/DN^2, 0 where a tap is not used. Amplitude
+        0 stands for noise that does not grow with the light: it is the only one if there is none that does, and
+        otherwise the one to start with, because weights that discount the core of the stripe only converge from
+        nearby. A picture's stripes have few widths, so the phases of one width lie together.
+    sums : (amplitudes, widths, phases, 12) float32 array
+        What the residual's sum of squares needs: the sum of the weights; the normal equations' elements AA, Ap, Aq,
+        Ag, pp, pq, pg, qq, qg and gg (p, q for A dmu, A ds); the taps that are used, less the five parameters.
+    sd : (amplitudes, widths, phases) float32 array
         Standard deviation of ``A dmu`` in DN taps, and
     sd_amplitude, sd_width : same shape
         of ``A`` in DN and of ``A ds`` in DN taps, for the noise at that node.
-    weights : (amplitudes, phases, widths, taps) float32 array
-        Inverse variances, in 1/DN^2; 0 where a tap is not used.
-    degrees : (amplitudes, phases, widths) float32 array
-        Taps that are used, less the five parameters.
     """
 
     width_class: WidthClass
     filters: FloatArray
+    sums: FloatArray
     sd: FloatArray
     sd_amplitude: FloatArray
     sd_width: FloatArray
-    weights: FloatArray
-    degrees: FloatArray
 
 
 @lru_cache(maxsize=32)
@@ -97,28 +99,25 @@ def filter_table(width_class: WidthClass, noise: NoiseModel) -> FilterTable:
     taps = np.arange(c.taps) - (c.taps // 2 - 1.0)
     phases = (np.arange(c.phases) + 0.5) / c.phases - 0.5
     widths = np.linspace(c.narrowest, c.widest, c.widths)
-    shape = (len(amplitudes), c.phases, c.widths, c.taps)
-    x = np.broadcast_to(taps - phases[:, None, None], shape[1:])
-    s = widths[None, :, None]
+    shape = (len(amplitudes), c.widths, c.phases, c.taps)
+    x = np.broadcast_to(taps - phases[None, :, None], shape[1:])
+    s = widths[:, None, None]
     m = np.exp(-0.5 * (x / s) ** 2)
     near = (np.abs(x) <= np.maximum(REACH_WIDTHS * s, LEAST_REACH_TAPS)).astype(np.float64)
-    model = np.stack([m, m * x / s**2, m * x**2 / s**3], axis=2)
-    jacobian = np.concatenate(
-        [model, np.ones_like(model[:, :, :1]), np.broadcast_to(float(SLOPE_SCALE) * taps, model[:, :, :1].shape)],
-        axis=2,
-    )
-    filters = np.empty((*shape[:3], 8, c.taps), np.float32)
+    columns = [m, m * x / s**2, m * x**2 / s**3, np.ones_like(m), np.broadcast_to(float(SLOPE_SCALE) * taps, m.shape)]
+    jacobian = np.stack(columns, axis=2)
+    filters, sums = np.empty((*shape[:3], 6, c.taps), np.float32), np.empty((*shape[:3], 12), np.float32)
     sd, sd_amplitude, sd_width = (np.empty(shape[:3], np.float32) for _ in range(3))
-    weights = np.empty(shape, np.float32)
+    used = near.sum(axis=-1) - 5.0
     for i, amplitude in enumerate(amplitudes):
         w = c.binning / noise.variance_dn2(amplitude * m) * near
         weighted = jacobian * w[:, :, None, :]
-        covariance = np.linalg.inv(weighted @ np.swapaxes(jacobian, -1, -2))
+        normal = weighted @ np.swapaxes(jacobian, -1, -2)
+        covariance = np.linalg.inv(normal)
         filters[i, :, :, :5] = covariance @ weighted
-        filters[i, :, :, 5:] = model
+        filters[i, :, :, 5] = w
+        sums[i] = np.stack([w.sum(axis=-1), *(normal[:, :, j, k] for j, k in _PAIRS), used], axis=-1)
         sd[i] = np.sqrt(covariance[:, :, 1, 1])
         sd_amplitude[i] = np.sqrt(covariance[:, :, 0, 0])
         sd_width[i] = np.sqrt(covariance[:, :, 2, 2])
-        weights[i] = w
-    degrees = np.asarray((weights > 0).sum(axis=-1) - 5, dtype=np.float32)
-    return FilterTable(c, filters, sd, sd_amplitude, sd_width, weights, degrees)
+    return FilterTable(c, filters, sums, sd, sd_amplitude, sd_width)

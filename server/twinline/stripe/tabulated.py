@@ -98,28 +98,43 @@ def _look_up(
 
 @njit(cache=True, error_model="numpy", fastmath=_FAST, inline="always")
 def _remainder(
-    table: FloatArray, filters: np.uint64, inverse_variances: FloatArray, weights: np.uint64, window: FloatArray,
-    line: np.uint64, taps: int, slope_scale: np.float32, p: np.float32, q: np.float32,
+    table: FloatArray, sums: FloatArray, place: np.uint64, window: FloatArray, line: np.uint64, taps: int,
+    a: np.float32, p: np.float32, q: np.float32, kept_p: np.float32, kept_q: np.float32,
 ) -> tuple[np.float32, np.float32]:  # fmt: skip
-    """Background of a window, and the weighted sum of squares that its model leaves."""
+    """Background of a window, and the mean weighted square that its model leaves.
+
+    For the least squares solution ``t`` of a linear model the sum of squares is ``y W y - t N t`` with the normal
+    equations N; a deviation d of the parameters from it adds ``d N d``.
+
+    Parameters
+    ----------
+    a, p, q
+        The solution's A, A dmu and A ds.
+    kept_p, kept_q
+        The last two as far as they were followed.
+    """
     row = np.uint64(taps)
-    three, six = row + row + row, np.uint64(6) * row
-    # The amplitude is known already; but a loop of less than three sums is unrolled before it could be vectorised.
-    a = b = g = np.float32(0.0)
+    filters, at_sums = place * np.uint64(6) * row, place * np.uint64(12)
+    three = filters + row + row + row
+    base = window[line]
+    b = g = square = total = np.float32(0.0)
     for k in range(taps):
-        at = filters + np.uint64(k)
-        y = window[line + np.uint64(k)]
-        a += table[at] * y
-        b += table[at + three] * y
-        g += table[at + three + row] * y
-    g *= slope_scale
-    misfit = np.float32(0.0)
-    for k in range(taps):
-        at = filters + six + np.uint64(k)
-        model = a * table[at - row] + p * table[at] + q * table[at + row]
-        r = window[line + np.uint64(k)] - (b + g * np.float32(k - (taps // 2 - 1)) + model)
-        misfit += r * r * inverse_variances[weights + np.uint64(k)]
-    return b, misfit
+        at = three + np.uint64(k)
+        # Over a level near the background, so that the squares keep their digits.
+        y = window[line + np.uint64(k)] - base
+        weighted = table[at + row + row] * y
+        b += table[at] * y
+        g += table[at + row] * y
+        square += weighted * y
+        total += weighted
+    n = sums[at_sums : at_sums + np.uint64(12)]
+    explained = a * (a * n[1] + np.float32(2.0) * (p * n[2] + q * n[3] + g * n[4]))
+    explained += p * (p * n[5] + np.float32(2.0) * (q * n[6] + g * n[7]))
+    explained += q * (q * n[8] + np.float32(2.0) * g * n[9]) + g * g * n[10]
+    dp, dq = kept_p - p, kept_q - q
+    added = dp * (dp * n[5] + np.float32(2.0) * dq * n[6]) + dq * dq * n[8]
+    left = square - b * (np.float32(2.0) * total - b * n[0]) - explained + added
+    return b + base, max(left, np.float32(0.0)) / n[11]
 
 
 @njit(cache=True, error_model="numpy", fastmath=_FAST, inline="always")
@@ -159,11 +174,10 @@ def _between_amplitudes(
 
 @njit(cache=True, error_model="numpy", fastmath=_FAST, inline="always")
 def _usual_columns(
-    table: FloatArray, shape: tuple[int, int, int], sds: FloatArray, sds_amplitude: FloatArray, sds_width: FloatArray,
-    inverse_variances: FloatArray, degrees: FloatArray, window: FloatArray, care: ByteArray, usual: np.float32,
-    prior_weight: np.float32, low: np.float32, width_step: np.float32, lowest: np.float32, slope: np.float32,
-    binning: int, taps: int, rows: IntArray, first: int, last: int, kept: tuple[FloatArray, ...], places: IntArray,
-    out: FloatArray, outcome: ByteArray,
+    table: FloatArray, shape: tuple[int, int, int], sums: FloatArray, sds: FloatArray, sds_amplitude: FloatArray,
+    sds_width: FloatArray, window: FloatArray, care: ByteArray, usual: np.float32, prior_weight: np.float32,
+    low: np.float32, width_step: np.float32, lowest: np.float32, binning: int, taps: int, rows: IntArray, first: int,
+    last: int, kept: tuple[FloatArray, ...], places: IntArray, out: FloatArray, outcome: ByteArray,
 ) -> None:  # fmt: skip
     """Fit the columns that two or three look-ups settle, and mark them as fitted.
 
@@ -172,9 +186,9 @@ def _usual_columns(
     """
     one, half, quarter, close = np.float32(1.0), np.float32(0.5), np.float32(0.25), np.float32(0.06)
     amplitudes, phases, widths = shape
-    row, step, nodes = np.uint64(taps), np.uint64(8 * taps), np.uint64(phases * widths)
+    step, nodes = np.uint64(6 * taps), np.uint64(phases * widths)
     n = last - first
-    mu, s, amplitude, dm, ds, anchor, spread = kept
+    mu, s, amplitude, dm, ds, free_p, free_q, anchor, spread = kept
     per_width, per_phase = one / width_step, one / np.float32(phases)
     last_phase, last_width = np.float32(phases - 1), np.float32(widths - 1)
     for j in range(n):
@@ -187,7 +201,7 @@ def _usual_columns(
             phase = np.floor(min(max((mu[j] + half) * np.float32(phases), np.float32(0.0)), last_phase))
             width = np.floor(min(max((before - low) * per_width + half, np.float32(0.0)), last_width))
             ia = _amplitude_node(amplitude[j], lowest, amplitudes) if turn > 0 and amplitudes > 1 else 0
-            place = np.uint64((ia * phases + np.int32(phase)) * widths + np.int32(width))
+            place = np.uint64((ia * widths + np.int32(width)) * phases + np.int32(phase))
             a, p, q = _look_up(table, place * step, window, np.uint64(j * taps), taps)
             width = low + width * width_step
             over = one / max(a, half)
@@ -197,7 +211,7 @@ def _usual_columns(
             ds[j] = min(max(q * over, -half * width), half * width)
             mu[j] = (phase + half) * per_phase - half + dm[j]
             s[j] = _next_width(width, ds[j], usual, prior_weight, sds_width[place] * over)
-            amplitude[j], places[j] = a, place
+            amplitude[j], free_p[j], free_q[j], places[j] = a, p, q, place
             moved, widened = abs(dm[j]), abs(s[j] - before)
             if not a > half or abs(mu[j]) > half:
                 outcome[first + j] = NEEDS_CARE
@@ -218,8 +232,8 @@ def _usual_columns(
             outcome[at] = TOO_WIDE if s[j] > high else TOO_NARROW
             continue
         place = places[j]
-        b, misfit = _remainder(table, place * step, inverse_variances, place * row, window, np.uint64(j * taps), taps,
-                               slope, dm[j] * a, ds[j] * a)  # fmt: skip
+        b, misfit = _remainder(table, sums, place, window, np.uint64(j * taps), taps, a, free_p[j], free_q[j],
+                               dm[j] * a, ds[j] * a)  # fmt: skip
         ia, in_node = int(place // nodes), place % nodes
         sd = _between_amplitudes(sds, ia, in_node, nodes, a, lowest, amplitudes)
         out[MU, at] = rows[at] - (binning - 1) // 2 + np.float32(0.5 * (binning - 1)) + mu[j] * np.float32(binning)
@@ -228,7 +242,7 @@ def _usual_columns(
         out[BACKGROUND, at] = b
         out[SD, at] = sd / a * np.float32(binning)
         out[SD_AMPLITUDE, at] = _between_amplitudes(sds_amplitude, ia, in_node, nodes, a, lowest, amplitudes)
-        out[MISFIT, at] = misfit / degrees[place]
+        out[MISFIT, at] = misfit
 
 
 def make_fit(taps: int):  # type: ignore[no-untyped-def]
@@ -238,26 +252,26 @@ def make_fit(taps: int):  # type: ignore[no-untyped-def]
     def fit(
         flat: ByteArray, off: ByteArray, has_off: bool, step: int, channel: int, minus: int, saturation: int,
         columns: IntArray, rows: IntArray, usual_width: float, prior: float, binning: int, filters: FloatArray,
-        sds: FloatArray, sds_amplitude: FloatArray, sds_width: FloatArray, weights: FloatArray, degrees: FloatArray,
-        narrowest: float, widest: float, lowest_amplitude: float, slope_scale: float, out: FloatArray,
+        sums: FloatArray, sds: FloatArray, sds_amplitude: FloatArray, sds_width: FloatArray,
+        narrowest: float, widest: float, lowest_amplitude: float, out: FloatArray,
         outcome: ByteArray,
     ) -> None:  # fmt: skip
         half, quarter = np.float32(0.5), np.float32(0.25)
-        one_place, two, eight, slope = np.uint64(1), np.uint64(2), np.uint64(8), np.float32(slope_scale)
-        amplitudes, phases, widths = filters.shape[0], filters.shape[1], filters.shape[2]
+        one_place, two = np.uint64(1), np.uint64(2)
+        amplitudes, widths, phases = filters.shape[0], filters.shape[1], filters.shape[2]
         width_step = np.float32((widest - narrowest) / (widths - 1))
         low, high = np.float32(narrowest), np.float32(widest)
         # Flat buffers and unsigned places: views of rows would be counted, and signed places tested, in every column.
         height, pitch = flat.shape
         pixels, unlit = flat.reshape(flat.size), off.reshape(off.size)
-        table, inverse_variances = filters.reshape(filters.size), weights.reshape(weights.size)
+        table, flat_sums = filters.reshape(filters.size), sums.reshape(sums.size)
         window, raw = np.zeros(GATHER_COLUMNS * taps, np.float32), np.zeros(GATHER_COLUMNS * taps, np.uint8)
         beside, care = np.zeros(GATHER_COLUMNS * taps, np.uint8), np.empty(GATHER_COLUMNS, np.uint8)
         flat_sds, flat_sds_amplitude = sds.reshape(sds.size), sds_amplitude.reshape(sds.size)
-        flat_sds_width, flat_degrees = sds_width.reshape(sds.size), degrees.reshape(sds.size)
-        lowest = np.float32(lowest_amplitude)
-        scratch, places = np.empty((7, GATHER_COLUMNS), np.float32), np.empty(GATHER_COLUMNS, np.uint64)
-        kept = (scratch[0], scratch[1], scratch[2], scratch[3], scratch[4], scratch[5], scratch[6])
+        flat_sds_width, lowest = sds_width.reshape(sds.size), np.float32(lowest_amplitude)
+        scratch, places = np.empty((9, GATHER_COLUMNS), np.float32), np.empty(GATHER_COLUMNS, np.uint64)
+        kept = (scratch[0], scratch[1], scratch[2], scratch[3], scratch[4], scratch[5], scratch[6], scratch[7],
+                scratch[8])  # fmt: skip
         row = np.uint64(taps)
         before = (taps // 2 - 1) * binning + (binning - 1) // 2
         centre_of_first = np.float32(0.5 * (binning - 1))
@@ -268,9 +282,9 @@ def make_fit(taps: int):  # type: ignore[no-untyped-def]
             last = min(first + GATHER_COLUMNS, rows.size)
             _gather(pixels, unlit, has_off, height, pitch, step, channel, minus, columns, rows, first, last, taps,
                     binning, saturation, raw, beside, window, care)  # fmt: skip
-            _usual_columns(table, (amplitudes, phases, widths), flat_sds, flat_sds_amplitude, flat_sds_width,
-                           inverse_variances, flat_degrees, window, care, usual, prior_weight, low, width_step, lowest,
-                           slope, binning, taps, rows, first, last, kept, places, out, outcome)  # fmt: skip
+            _usual_columns(table, (amplitudes, phases, widths), flat_sums, flat_sds, flat_sds_amplitude, flat_sds_width,
+                           window, care, usual, prior_weight, low, width_step, lowest, binning, taps, rows, first, last,
+                           kept, places, out, outcome)  # fmt: skip
             for j in range(first, last):
                 if care[j - first] == FITTED:
                     continue
@@ -282,6 +296,8 @@ def make_fit(taps: int):  # type: ignore[no-untyped-def]
                 s = usual
                 a = window[line + row // two - one_place] - half * (window[line] + window[line + row - one_place])
                 ia = ip = iw = 0
+                place = np.uint64(0)
+                p = q = np.float32(0.0)
                 dm = ds = np.float32(0.0)
                 steps = 10 if amplitudes > 1 else 6
                 near = amplitudes == 1
@@ -292,8 +308,8 @@ def make_fit(taps: int):  # type: ignore[no-untyped-def]
                     iw = min(max(int((s - low) / width_step + half), 0), widths - 1)
                     if amplitudes > 1 and near:
                         ia = _amplitude_node(a, lowest, amplitudes)
-                    f = np.uint64(((ia * phases + ip) * widths + iw) * 8 * taps)
-                    a, p, q = _look_up(table, f, window, line, taps)
+                    place = np.uint64((ia * widths + iw) * phases + ip)
+                    a, p, q = _look_up(table, place * np.uint64(6 * taps), window, line, taps)
                     if not a > np.float32(0.5):
                         break
                     before_s = s
@@ -304,7 +320,7 @@ def make_fit(taps: int):  # type: ignore[no-untyped-def]
                     ds = min(max(q / a, -half * node), half * node)
                     mu_node = (np.float32(ip) + half) / np.float32(phases) - half
                     mu = mu_node + dm
-                    s = _next_width(node, ds, usual, prior_weight, flat_sds_width[f // np.uint64(8 * taps)] / a)
+                    s = _next_width(node, ds, usual, prior_weight, flat_sds_width[place] / a)
                     if mu > half or mu < -half:
                         # Move the window to the pixel that holds the centre, so that a node is always near.
                         move = int(np.floor(mu + half))
@@ -348,19 +364,17 @@ def make_fit(taps: int):  # type: ignore[no-untyped-def]
                 if s < low:
                     outcome[j] = TOO_NARROW
                     continue
-                node_place = np.uint64((ia * phases + ip) * widths + iw)
-                b, misfit = _remainder(table, node_place * eight * row, inverse_variances, node_place * row, window,
-                                       line, taps, slope, dm * a, ds * a)  # fmt: skip
+                b, misfit = _remainder(table, flat_sums, place, window, line, taps, a, p, q, dm * a, ds * a)
                 out[MU, j] = rows[j] - (binning - 1) // 2 + centre_of_first + mu * np.float32(binning)
                 out[AMPLITUDE, j] = a
                 out[WIDTH, j] = s * np.float32(binning)
                 out[BACKGROUND, j] = b
-                in_node, nodes = np.uint64(ip * widths + iw), np.uint64(phases * widths)
+                in_node, nodes = np.uint64(iw * phases + ip), np.uint64(phases * widths)
                 sd = _between_amplitudes(flat_sds, ia, in_node, nodes, a, lowest, amplitudes)
                 out[SD, j] = sd / a * np.float32(binning)
                 sd_a = _between_amplitudes(flat_sds_amplitude, ia, in_node, nodes, a, lowest, amplitudes)
                 out[SD_AMPLITUDE, j] = sd_a
-                out[MISFIT, j] = misfit / flat_degrees[node_place]
+                out[MISFIT, j] = misfit
                 outcome[j] = DONE
 
     return fit

@@ -37,7 +37,7 @@ def test_a_profile_at_a_node_is_read_off_exactly(noise: NoiseModel, phase: int, 
     k = taps(table)
     profile = 11.0 + 0.7 * k + 90.0 * np.exp(-((k - mu) ** 2) / (2 * s**2))
     for amplitude in range(table.filters.shape[0]):
-        answer = table.filters[amplitude, phase, width, :5] @ profile
+        answer = table.filters[amplitude, width, phase, :5] @ profile
         assert answer == pytest.approx([90.0, 0.0, 0.0, 11.0, 0.7 / float(SLOPE_SCALE)], abs=2e-3)
 
 
@@ -57,14 +57,32 @@ def test_the_filters_do_to_noise_what_the_table_says() -> None:
         mu, s = node(table, 2, 1)
         signal = level * np.exp(-((k - mu) ** 2) / (2 * s**2))
         variance = 4.0 + (0.2 * signal) ** 2
-        filters = table.filters[ia, 2, 1].astype(float)
+        filters = table.filters[ia, 1, 2].astype(float)
         assert (filters[:3] ** 2 @ variance) ** 0.5 == pytest.approx(
-            [table.sd_amplitude[ia, 2, 1], table.sd[ia, 2, 1], table.sd_width[ia, 2, 1]], rel=1e-4
+            [table.sd_amplitude[ia, 1, 2], table.sd[ia, 1, 2], table.sd_width[ia, 1, 2]], rel=1e-4
         )
-        used = table.weights[ia, 2, 1] > 0
+        weights = table.filters[ia, 1, 2, 5]
+        used = weights > 0
         assert used[np.abs(k - mu) <= 6 * s].all()
-        assert table.weights[ia, 2, 1][used] == pytest.approx(1 / variance[used], rel=1e-5)
-        assert not table.filters[ia, 2, 1, :5][:, ~used].any()
+        assert weights[used] == pytest.approx(1 / variance[used], rel=1e-5)
+        assert not table.filters[ia, 1, 2, :5][:, ~used].any()
+
+
+def test_the_sums_give_the_square_that_a_least_squares_fit_leaves() -> None:
+    table = filter_table(SMALL, ADDITIVE)
+    k = taps(table)
+    profile = 11.0 + 0.7 * k + np.random.default_rng(3).normal(0.0, 2.0, k.size)
+    a, p, q, b, g = (table.filters[0, 1, 2, :5] @ profile).astype(float)
+    weights, n = table.filters[0, 1, 2, 5].astype(float), table.sums[0, 1, 2].astype(float)
+    over = profile - b
+    explained = a * (a * n[1] + 2 * (p * n[2] + q * n[3] + g * n[4])) + p * (p * n[5] + 2 * (q * n[6] + g * n[7]))
+    explained += q * (q * n[8] + 2 * g * n[9]) + g * g * n[10]
+    mu, s = node(table, 2, 1)
+    m = np.exp(-((k - mu) ** 2) / (2 * s**2))
+    model = a * m + p * m * (k - mu) / s**2 + q * m * (k - mu) ** 2 / s**3 + g * float(SLOPE_SCALE) * k
+    assert weights @ over**2 - explained == pytest.approx(weights @ (over - model) ** 2, rel=1e-3)
+    assert n[0] == pytest.approx(weights.sum(), rel=1e-5)
+    assert n[11] == (weights > 0).sum() - 5
 
 
 def test_noise_that_does_not_grow_with_the_light_needs_one_amplitude() -> None:
