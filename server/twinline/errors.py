@@ -10,12 +10,19 @@ units, and the next step. It knows nothing of HTTP or exit statuses; the edges t
     |   |-- RigError            a rig file, or a rig that does not fit the data
     |   |-- CalibrationError    the observations do not determine a calibration
     |   |-- StripeError         no usable stripe, or an impossible extraction setting
-    |   `-- SettingsError       settings file, environment or option
+    |   |-- SettingsError       settings file, environment or option
+    |   `-- ControlError        a camera control that does not exist, or a value outside its limits
     |-- OutputError             the result cannot be written
     |-- NotFoundError           no such job, scan, file
     |-- TransitionError         not possible in the present state
     |-- CancelledError          somebody asked for it to stop
-    `-- WorkerError             a worker process died
+    |-- WorkerError             a worker process died
+    `-- DeviceError             board, camera or another device does not do what it should
+        |-- CameraError         no camera, or no usable frames
+        |-- LinkError           the connection is lost, or cannot be made
+        |-- DeviceTimeoutError  connected, and no answer in time
+        |-- RefusedError        the board refused a command
+        `-- MotionError         a movement ended before it was complete
 """
 
 from typing import ClassVar
@@ -118,3 +125,45 @@ class WorkerError(TwinlineError):
     """A worker process died."""
 
     default_code = "worker-died"
+
+
+class DeviceError(TwinlineError):
+    """Board, camera or another device does not do what it should."""
+
+    default_code = "device-fault"
+
+
+class CameraError(DeviceError):
+    """There is no camera, or it sends no usable frames."""
+
+    default_code = "camera-fault"
+
+
+class ControlError(InputError):
+    """A camera control does not exist, or the value is outside its limits."""
+
+    default_code = "bad-control"
+
+
+class LinkError(DeviceError):
+    """The connection to a device is lost, or cannot be made."""
+
+    default_code = "disconnected"
+
+
+class DeviceTimeoutError(DeviceError):
+    """A device is connected and does not answer in time."""
+
+    default_code = "device-timeout"
+
+
+class RefusedError(DeviceError):
+    """The board refused a command; the code tells why."""
+
+    default_code = "refused"
+
+
+class MotionError(DeviceError):
+    """A movement ended before it was complete; the code tells why."""
+
+    default_code = "motion-ended"

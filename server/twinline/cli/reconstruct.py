@@ -68,7 +68,7 @@ def run_reconstruct(request: ReconstructRequest) -> None:
         except OutputError as error:
             # The temporary name means nothing to whoever reads the message.
             raise OutputError(error.detail.replace(str(target), str(request.output)), code=error.code) from error
-    _tell(request, rig, result)
+    _tell(request, capture, rig, result)
 
 
 def _write(target: Path, cloud: PointCloud, provenance: Provenance, *, ascii: bool) -> None:
@@ -79,11 +79,10 @@ def _write(target: Path, cloud: PointCloud, provenance: Provenance, *, ascii: bo
 
 
 def choose_rig(capture: Capture, given: Path | None) -> Rig:
-    """The given rig, else the capture folder's own rig.json, else the nominal one."""
+    """The given rig, else the one that came with the capture, else the nominal one."""
     if given is not None:
         return read_rig(given)
-    own = capture.path / "rig.json"
-    return read_rig(own) if own.is_file() else capture.rig()
+    return capture.own_rig() or capture.rig()
 
 
 def _reconstruct(
@@ -98,9 +97,9 @@ def _reconstruct(
         return reconstruct(capture, rig, options, executor=executor, report=report)
 
 
-def _tell(request: ReconstructRequest, rig: Rig, result: Reconstruction) -> None:
+def _tell(request: ReconstructRequest, capture: Capture, rig: Rig, result: Reconstruction) -> None:
     cloud = result.cloud
-    for warning in result.warnings:
+    for warning in (*capture.problems, *result.warnings):
         typer.echo(f"twinline: {warning}", err=True)
     if result.problem_count:
         first = result.problems[0]

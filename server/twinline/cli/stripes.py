@@ -2,7 +2,7 @@
 
 import csv
 import json
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import cast
@@ -13,11 +13,13 @@ import typer
 
 from twinline.arrays import ByteArray
 from twinline.cli.progress import progress
-from twinline.errors import FrameError, InputError, OutputError, StripeError
+from twinline.errors import CaptureError, FrameError, InputError, OutputError, StripeError
 from twinline.geometry.noise import NoiseModel
 from twinline.geometry.rig import StripeRuns
 from twinline.operations.exports.atomic import atomic_path
-from twinline.recording.images import read_image
+from twinline.recording.capture import open_capture
+from twinline.recording.container_walk import is_container
+from twinline.recording.images import PictureFile, read_image
 from twinline.stripe import extract
 from twinline.stripe.layout import Layout, find_layout
 from twinline.stripe.model import Channel, ExtractionSettings, Flag, Method, StripeProfile
@@ -64,8 +66,9 @@ def run_stripes(request: StripesRequest) -> None:
     ):
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(COLUMNS)
-        for number, path in enumerate(request.images):
-            report(number, len(request.images))
+        pictures = [picture for path in request.images for picture in _pictures(path)]
+        for number, path in enumerate(pictures):
+            report(number, len(pictures))
             image = read_image(path)
             layout, profile = _extract(path, image, off, settings, request)
             writer.writerows(_rows(path, layout, profile))
@@ -73,7 +76,7 @@ def run_stripes(request: StripesRequest) -> None:
             if request.overlay is not None:
                 _draw(request.overlay / f"{path.stem}.png", image, layout, profile)
         if not any(n for picture in summary for n in cast(list[int], picture["found"])):
-            names = str(request.images[0]) if len(request.images) == 1 else f"any of the {len(request.images)} pictures"
+            names = str(pictures[0]) if len(pictures) == 1 else f"any of the {len(pictures)} pictures"
             raise StripeError(f"No laser stripe in {names}: check the exposure, --runs, --channel and --off.")
     if request.json:
         typer.echo(json.dumps({"output": str(request.output), "images": summary}, indent=1))
@@ -83,8 +86,18 @@ def run_stripes(request: StripesRequest) -> None:
             typer.echo(f"{picture['image']}: {picture['runs']}, {counts} of {picture['columns']}")
 
 
+def _pictures(path: Path) -> Sequence[PictureFile]:
+    """The picture, or the frames of a recording's laser pass."""
+    if not is_container(path):
+        return [path]
+    laser = open_capture(path).laser
+    if laser is None:
+        raise CaptureError(f"{path} holds no laser pass: give a recording with one, or pictures.")
+    return [laser.picture(entry) for entry in laser.frames]
+
+
 def _extract(
-    path: Path, image: ByteArray, off: ByteArray | None, settings: ExtractionSettings, request: StripesRequest
+    path: PictureFile, image: ByteArray, off: ByteArray | None, settings: ExtractionSettings, request: StripesRequest
 ) -> tuple[Layout, StripeProfile]:
     try:
         runs = None if request.runs == "auto" else cast(StripeRuns, request.runs)
@@ -96,7 +109,7 @@ def _extract(
         raise FrameError(f"{path}: {error.detail}", code=error.code) from error
 
 
-def _rows(path: Path, layout: Layout, profile: StripeProfile) -> Iterator[tuple[object, ...]]:
+def _rows(path: PictureFile, layout: Layout, profile: StripeProfile) -> Iterator[tuple[object, ...]]:
     for k in range(len(profile.centre_px)):
         for column in np.flatnonzero(profile.found[k]):
             across = f"{profile.centre_px[k, column]:.4f}"
@@ -112,7 +125,7 @@ def flag_names(flags: int) -> str:
     return "|".join((f.name or "").lower().replace("_", "-") for f in Flag if flags & f)
 
 
-def _summary(path: Path, layout: Layout, profile: StripeProfile) -> dict[str, object]:
+def _summary(path: PictureFile, layout: Layout, profile: StripeProfile) -> dict[str, object]:
     found = profile.found.sum(axis=1).tolist()
     sds = [float(np.nanmedian(row)) if np.isfinite(row).any() else None for row in profile.sd_px]
     return {

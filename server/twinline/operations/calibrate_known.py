@@ -1,7 +1,5 @@
 """Stripes on surfaces of known place: a board in several poses, and blocks of known height."""
 
-from pathlib import Path
-
 import cv2
 import numpy as np
 
@@ -15,7 +13,7 @@ from twinline.calibration.views import BoardView, inspect_view
 from twinline.errors import CalibrationError
 from twinline.geometry.camera import Camera
 from twinline.recording.capture import Capture
-from twinline.recording.images import read_image
+from twinline.recording.images import PictureFile, read_image
 from twinline.stripe.choice import choose_light
 from twinline.stripe.extraction import extract
 from twinline.stripe.layout import find_layout
@@ -158,7 +156,7 @@ def read_blocks(capture: Capture) -> list[KnownPoints]:
     return [_known(k, found_views) for k, found_views in enumerate(parts) if found_views]
 
 
-def _name(path: Path) -> str:
+def _name(path: PictureFile) -> str:
     return f"{path.parent.name}/{path.name}"
 
 

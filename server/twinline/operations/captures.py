@@ -206,7 +206,7 @@ class CaptureShelf:
                 lasers=len(info.lasers),
                 laser_frames=0 if capture.laser is None else len(capture.laser),
                 reference_frames=0 if capture.reference is None else len(capture.reference),
-                has_rig=(capture.path / "rig.json").is_file(),
+                has_rig=capture.has_rig,
             )
         )
 

@@ -140,15 +140,13 @@ class Bench:
     ) -> tuple[Rig, RigOrigin]:
         candidates: list[tuple[Path | None, RigOrigin]] = []
         if request.rig == "auto":
-            own = capture.path / "rig.json"
-            candidates = [
-                (request.rig_path, "given"),
-                (self.captures.given_rig(record.id), "uploaded"),
-                (own if own.is_file() else None, "capture"),
-            ]
+            candidates = [(request.rig_path, "given"), (self.captures.given_rig(record.id), "uploaded")]
         for path, origin in candidates:
             if path is not None:
                 return self.toolbox.read_rig(path), origin
+        own = capture.own_rig() if request.rig == "auto" else None
+        if own is not None:
+            return own, "capture"
         return capture.rig(), "nominal"
 
     def _write(self, context: JobContext, folder: Path, cloud: PointCloud, rig: Rig, record: CaptureRecord) -> None:

@@ -55,7 +55,7 @@ def atomic_path(path: Path) -> Iterator[Path]:
         temporary.replace(target)
         _sync_folder(target.parent)
     except OSError as error:
-        raise _output_error(path, error) from error
+        raise output_error(path, error) from error
     finally:
         with suppress(OSError):
             temporary.unlink(missing_ok=True)
@@ -68,7 +68,7 @@ def _target(path: Path) -> Path:
     except FileNotFoundError:
         return target
     except OSError as error:
-        raise _output_error(path, error) from error
+        raise output_error(path, error) from error
     if stat.S_ISDIR(mode):
         raise OutputError(f"{path} cannot be written: it is a folder; give a file name.")
     if not stat.S_ISREG(mode):
@@ -88,7 +88,8 @@ def _sync_folder(folder: Path) -> None:
             os.close(handle)
 
 
-def _output_error(path: Path, error: OSError) -> OutputError:
+def output_error(path: Path, error: OSError) -> OutputError:
+    """What it means that a file cannot be written: the cause and the next step."""
     cause = (error.strerror or str(error)).lower()
     step = _NEXT_STEP.get(error.errno or 0)
     return OutputError(f"{path} cannot be written: {cause}{'; ' + step if step else ''}.")

@@ -14,11 +14,15 @@ from twinline.geometry import nominal
 from twinline.geometry.camera import Camera
 from twinline.geometry.rig import Rig, TofMount
 from twinline.recording.capture_json import CaptureInfo, read_capture_json
+from twinline.recording.container_walk import is_container
 from twinline.recording.csv_table import read_table
 from twinline.recording.frame_list import list_files, list_pictures, open_frames, plain_name
 from twinline.recording.frames import FrameSequence
+from twinline.recording.images import PictureFile
+from twinline.recording.rig_file import read_rig
 from twinline.recording.tof import TofSamples, read_tof, reading_unit, tof_line
 
+RECORDING_SUFFIX = ".mcap"
 _MAX_HEIGHT_MM = 1e6
 
 
@@ -27,27 +31,27 @@ class SheetPair:
     """One pose of the board with the stripes on it, and the same without; ``name`` is the files' common stem."""
 
     name: str
-    on: Path
-    off: Path
+    on: PictureFile
+    off: PictureFile
 
 
 @dataclass(frozen=True)
 class HeightView:
     """A block of known height in the stripe (0 is the bare bed), and the same view with the lasers off, if given."""
 
-    path: Path
+    path: PictureFile
     height_mm: float
-    off: Path | None
+    off: PictureFile | None
 
 
 @dataclass(frozen=True, eq=False)
 class Capture:
-    """An opened capture folder.
+    """An opened capture: this class for a folder of ordinary files, `RecordedCapture` for recordings.
 
     Attributes
     ----------
     path
-        The folder.
+        The folder, or the recording.
     laser, reference
         Laser pass over the objects, and over the empty bed; None where there is none.
     laser_off
@@ -58,9 +62,14 @@ class Capture:
     info: CaptureInfo
     laser: FrameSequence | None
     reference: FrameSequence | None
-    laser_off: Path | None
+    laser_off: PictureFile | None
 
-    def views(self) -> tuple[Path, ...]:
+    @property
+    def problems(self) -> tuple[str, ...]:
+        """What is missing of the capture although it was opened; a sentence each."""
+        return ()
+
+    def views(self) -> tuple[PictureFile, ...]:
         """Views of the calibration board, by name."""
         return list_pictures(self.path / "camera")
 
@@ -135,8 +144,27 @@ class Capture:
 
     def rig(self) -> Rig:
         """The nominal rig of this capture; its ToF part takes readings in the unit of ``tof/samples.csv``."""
+        return nominal_rig(self.info, self._tof_unit() or "adc")
+
+    @property
+    def has_rig(self) -> bool:
+        """Whether a rig came with the capture."""
+        return (self.path / "rig.json").is_file()
+
+    def own_rig(self) -> Rig | None:
+        """The rig that came with the capture, calibrated or not; None where there is none.
+
+        Raises
+        ------
+        RigError
+            If it cannot be read.
+        """
+        path = self.path / "rig.json"
+        return read_rig(path) if path.is_file() else None
+
+    def _tof_unit(self) -> nominal.TofUnit | None:
         path = self._tof_path()
-        return nominal_rig(self.info, "adc" if path is None else reading_unit(path))
+        return None if path is None else reading_unit(path)
 
     def _tof_path(self) -> Path | None:
         path = self.path / "tof" / "samples.csv"
@@ -144,12 +172,12 @@ class Capture:
 
 
 def open_capture(path: Path) -> Capture:
-    """Open a capture folder and check its description, its frame lists and that the files are there.
+    """Open a capture and check its description, its frame lists and that the files are there.
 
     Parameters
     ----------
     path
-        The folder, or its ``capture.json``.
+        A capture folder, or its ``capture.json``; a recording, or a folder with the recordings of one scan.
 
     Raises
     ------
@@ -160,7 +188,11 @@ def open_capture(path: Path) -> Capture:
     """
     folder = path.parent if path.name == "capture.json" else path
     if folder.is_file():
-        raise CaptureError(f"{folder} is not a folder; unpack it, or give the folder that holds capture.json.")
+        if is_container(folder):
+            return _open_recordings(folder, [folder])
+        raise CaptureError(
+            f"{folder} is neither a recording nor a folder; unpack it, or give the folder that holds capture.json."
+        )
     try:
         empty = not any(folder.iterdir())
     except FileNotFoundError as error:
@@ -169,9 +201,19 @@ def open_capture(path: Path) -> Capture:
         raise CaptureError(f"{folder} cannot be listed: {error.strerror or error}.") from error
     if empty:
         raise CaptureError(f"{folder} is empty; a capture folder holds capture.json and, for a laser pass, laser/.")
+    recordings = sorted(folder.glob(f"*{RECORDING_SUFFIX}"))
+    if recordings and not (folder / "capture.json").exists():
+        return _open_recordings(folder, recordings)
     info = read_capture_json(folder / "capture.json")
     laser = _open_pass(folder / "laser", info)
     return Capture(folder, info, laser, _open_pass(folder / "reference", info), _laser_off(folder / "laser"))
+
+
+def _open_recordings(path: Path, files: list[Path]) -> Capture:
+    # A recording gives a kind of capture, so its module stands on this one.
+    from twinline.recording.recorded_capture import open_recorded
+
+    return open_recorded(path, files)
 
 
 def nominal_rig(info: CaptureInfo, tof_unit: nominal.TofUnit = "adc") -> Rig:

@@ -1,6 +1,7 @@
 """``capture.json``: what the owner of a scanner knows about it before calibration, parsed strictly."""
 
-from dataclasses import dataclass
+import json
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Literal
 
@@ -127,6 +128,22 @@ def read_capture_json(path: Path) -> CaptureInfo:
 def parse_capture_json(data: bytes, path: Path) -> CaptureInfo:
     """Check the text of a ``capture.json``; ``path`` is for the error's words only."""
     return _capture(parse_object(data, path))
+
+
+def capture_json_text(info: CaptureInfo) -> str:
+    """The text of a ``capture.json`` that says the same; reading it gives it back exactly."""
+    fields: dict[str, object] = {
+        "name": info.name,
+        "image_size": list(info.image_size),
+        "stripe_runs": info.stripe_runs,
+        "camera_matrix_guess": info.camera_matrix_guess.tolist(),
+        "camera_height_mm": info.camera_height_mm,
+        "lasers": [asdict(laser) for laser in info.lasers],
+    }
+    for name, part in (("board", info.board), ("tof", info.tof)):
+        if part is not None:
+            fields[name] = {key: value for key, value in asdict(part).items() if value is not None}
+    return json.dumps(fields, indent=1)
 
 
 def _capture(fields: Fields) -> CaptureInfo:

@@ -9,7 +9,8 @@ import numpy as np
 
 from twinline.arrays import ByteArray
 from twinline.errors import CaptureError, FrameError
-from twinline.recording.images import picture_size, read_image
+from twinline.recording.images import PictureFile, picture_size, read_image
+from twinline.recording.stored import StoredPicture
 from twinline.recording.video import VideoIndex, read_video
 
 
@@ -29,6 +30,8 @@ class FrameEntry:
         Commanded position of the cart.
     lasers
         Numbers of the lasers that were on; None means all.
+    stored
+        Where the picture lies, if in a recording; None for a file of its own or a frame of a video.
     """
 
     index: int
@@ -36,6 +39,7 @@ class FrameEntry:
     time_s: float
     cart_mm: float
     lasers: frozenset[int] | None = None
+    stored: StoredPicture | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,24 +61,27 @@ class Frame:
 
 @dataclass(frozen=True, eq=False)
 class FrameSequence:
-    """The frames of one pass, in a folder of pictures or in a video.
+    """The frames of one pass, in a folder of pictures, in a video, or in recordings.
 
     Holds no picture and no open file: it can be sent to another process, which opens what it needs.
 
     Attributes
     ----------
     source
-        The folder, or the video file.
+        The folder, the video file, or the recording (of several, the folder that they are in).
     image_size : (int, int)
         Width and height that every frame must have, in pixels.
     video
-        Index of the video; None for a folder.
+        Index of the video; None for pictures.
+    share_places
+        Places at which a worker's share best begins, for pictures that were made from a video; None for others.
     """
 
     source: Path
     frames: tuple[FrameEntry, ...]
     image_size: tuple[int, int]
     video: VideoIndex | None = None
+    share_places: tuple[int, ...] | None = None
 
     def __len__(self) -> int:
         return len(self.frames)
@@ -90,15 +97,26 @@ class FrameSequence:
         """
         if size < 1:
             raise ValueError("a chunk needs at least one frame")
-        if self.video is None or len(self.video.keys) < 2:
-            step = size if self.video is None else max(size, -(-len(self) // 16))
+        places = self.places_to_share()
+        if places is None or len(places) < 2:
+            step = size if places is None else max(size, -(-len(self) // 16))
             return [range(i, min(i + step, len(self))) for i in range(0, len(self), step)]
-        numbers = np.array([int(entry.name) for entry in self.frames])
         starts = [0]
-        for key in np.searchsorted(numbers, self.video.keys).tolist():
-            if key - starts[-1] >= size and key < len(self):
-                starts.append(key)
+        for place in places:
+            if place - starts[-1] >= size and place < len(self):
+                starts.append(place)
         return [range(a, b) for a, b in zip(starts, [*starts[1:], len(self)], strict=True)]
+
+    def places_to_share(self) -> tuple[int, ...] | None:
+        """Places at which a share best begins; None if all are alike."""
+        if self.video is None:
+            return self.share_places
+        numbers = np.array([int(entry.name) for entry in self.frames])
+        return tuple(np.searchsorted(numbers, self.video.keys).tolist())
+
+    def picture(self, entry: FrameEntry) -> PictureFile:
+        """Where the picture of a frame is; not for the frames of a video."""
+        return self.source / entry.name if entry.stored is None else entry.stored
 
     def read(self, indices: Sequence[int] | None = None) -> Iterator[Frame]:
         """Read frames, one at a time, so that memory does not grow with the number of frames.
@@ -140,18 +158,22 @@ class FrameSequence:
             return
         for entry in self.frames:
             try:
-                size = picture_size(self.source / entry.name)
+                size = self._size(entry)
             except FrameError:
                 continue
-            if size != self.image_size:
+            if size not in {self.image_size, (0, 0)}:
                 raise CaptureError(
-                    f"The frames have mixed sizes: {self.source / entry.name} is {_pixels(size)}, where "
+                    f"The frames have mixed sizes: {self.picture(entry)} is {_pixels(size)}, where "
                     f"{_pixels(self.image_size)} is expected; use frames of one size."
                 )
 
+    def _size(self, entry: FrameEntry) -> tuple[int, int]:
+        """Size of a picture as far as it is known without reading it; zeros if it is not."""
+        return picture_size(self.source / entry.name) if entry.stored is None else entry.stored.at.size
+
     def _read_picture(self, entry: FrameEntry) -> Frame:
         try:
-            return Frame(entry, read_image(self.source / entry.name, self.image_size))
+            return Frame(entry, read_image(self.picture(entry), self.image_size))
         except FrameError as error:
             return Frame(entry, None, error.detail.rstrip("."))
 

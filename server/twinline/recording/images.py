@@ -35,6 +35,11 @@ class PictureFile(Protocol):
         ...
 
     @property
+    def stem(self) -> str:
+        """The name without its ending."""
+        ...
+
+    @property
     def parent(self) -> PurePath:
         """The folder, or the part of the capture, that it is in."""
         ...

@@ -90,6 +90,34 @@ def reading_unit(path: Path) -> TofUnit:
     return units[0]
 
 
+@dataclass(frozen=True, eq=False)
+class TofTable:
+    """Readings as they stand in the table, valid or not; NaN only where there is none. Arrays are (n,)."""
+
+    time_s: FloatArray
+    cart_mm: FloatArray
+    slide_mm: FloatArray
+    reading: FloatArray
+    unit: TofUnit
+
+    def samples(self, nominal: TofNominal) -> TofSamples:
+        """The readings with their distances; those outside the sensor's range become NaN, their rows stay.
+
+        Raises
+        ------
+        CaptureError
+            If ``capture.json`` lacks the field that the unit needs.
+        """
+        gain, offset = tof_line(nominal, self.unit)
+        reading = self.reading.copy()
+        distance = offset + gain * reading
+        shortest, longest = nominal.range_mm
+        invalid = ~((distance >= shortest - _ROUNDING_MM) & (distance <= longest + _ROUNDING_MM))
+        reading[invalid] = np.nan
+        distance[invalid] = np.nan
+        return TofSamples(self.time_s, self.cart_mm, self.slide_mm, reading, self.unit, distance)
+
+
 def read_tof(path: Path, nominal: TofNominal) -> TofSamples:
     """Read a ToF pass.
 
@@ -101,7 +129,20 @@ def read_tof(path: Path, nominal: TofNominal) -> TofSamples:
         If the table is malformed, empty, or runs backwards in time; names the file and the line.
     """
     unit = reading_unit(path)
-    gain, offset = tof_line(nominal, unit)
+    # A description that lacks what the unit needs is said before a long table is read.
+    tof_line(nominal, unit)
+    return read_tof_table(path).samples(nominal)
+
+
+def read_tof_table(path: Path) -> TofTable:
+    """Read a ToF pass as it stands in the file.
+
+    Raises
+    ------
+    CaptureError
+        As `read_tof`.
+    """
+    unit = reading_unit(path)
     columns = [array("d") for _ in range(4)]
     for row in read_table(path, ("time_s", "cart_mm", "slide_mm", unit)):
         time_s = row.number("time_s")
@@ -113,12 +154,7 @@ def read_tof(path: Path, nominal: TofNominal) -> TofSamples:
     if not columns[0]:
         raise CaptureError(f"{path} holds no samples; write one line per reading below the header.")
     time, cart, slide, reading = (np.array(column, dtype=np.float64) for column in columns)
-    distance = offset + gain * reading
-    shortest, longest = nominal.range_mm
-    invalid = ~((distance >= shortest - _ROUNDING_MM) & (distance <= longest + _ROUNDING_MM))
-    reading[invalid] = np.nan
-    distance[invalid] = np.nan
-    return TofSamples(time, cart, slide, reading, unit, distance)
+    return TofTable(time, cart, slide, reading, unit)
 
 
 def _reading(row: Row, unit: TofUnit) -> float:

@@ -58,7 +58,7 @@ class TestOpening:
 
     def test_a_file_is_no_capture(self, tmp_path: Path) -> None:
         (tmp_path / "capture.zip").write_bytes(b"PK")
-        with pytest.raises(CaptureError, match=r"capture\.zip is not a folder; unpack it"):
+        with pytest.raises(CaptureError, match=r"capture\.zip is neither a recording nor a folder; unpack it"):
             open_capture(tmp_path / "capture.zip")
 
     def test_an_empty_laser_folder_is_an_error(self, write_capture: WriteCapture) -> None:
