@@ -60,9 +60,11 @@ def real_toolbox(settings: Settings) -> Toolbox:
         default_method=ReconstructionOptions().method,
         scenes={
             "three-objects": "prism, sphere and cylinder",
+            "five-pieces": "five wooden pieces",
             "steps": "blocks of five heights",
             "sphere": "sphere",
             "relief": "face in low relief",
+            "board": "calibration board",
         },
     )
 

@@ -12,11 +12,13 @@ import pytest
 import trimesh
 
 from twinline.arrays import ByteArray
-from twinline.devices.simulator.capture import render_capture, swept_travel_mm
+from twinline.devices.simulator.capture import render_capture
 from twinline.devices.simulator.machine import SimulatedRig
 from twinline.devices.simulator.scenes import named_scene
+from twinline.devices.simulator.workspace import swept_travel_mm
 from twinline.errors import CancelledError, NotFoundError, OutputError, SettingsError
 from twinline.geometry.rig_json import rig_from_json
+from twinline.recording.capture import open_capture
 
 SMALL = (200, 420)
 
@@ -201,4 +203,67 @@ def test_impossible_wishes_are_refused_before_anything_is_written(
 ) -> None:
     with pytest.raises(error, match=words):
         render_capture(tmp_path / "c", **{"image_size": (64, 360), **options})  # type: ignore[arg-type]
+    assert not (tmp_path / "c").exists()
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("whole") / "capture"
+    render_capture(path, "sphere", travel_mm=(0.0, 4.0), pitch_mm=2.0, parts={"camera", "motion", "tof"}, seed=2)
+    return path
+
+
+def test_the_parts_for_calibration_open_as_a_capture(whole: Path) -> None:
+    capture = open_capture(whole)
+    assert len(capture.views()) == 16
+    motion = capture.motion()
+    assert motion is not None
+    np.testing.assert_allclose(np.diff([entry.cart_mm for entry in motion.frames]), 22.0)
+    tof = capture.tof()
+    assert tof is not None
+    assert np.isfinite(tof.distance_mm).mean() > 0.99
+    assert set(np.round(np.diff(np.unique(tof.cart_mm)), 6)) == {1.5}
+    assert capture.info.board is not None
+    assert capture.info.board.kind == "charuco"
+
+
+def test_the_board_under_way_moves_by_the_true_travel(whole: Path) -> None:
+    """OpenCV's own detector and pose, with the true intrinsics, see the board move against the camera."""
+    rig = rig_from_json((whole / "rig.json").read_text())
+    board = cv2.aruco.CharucoBoard((10, 7), 18.0, 13.5, cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_5X5_100))
+    places = []
+    for name in ("00.png", "05.png"):
+        corners, numbers, _, _ = cv2.aruco.CharucoDetector(board).detectBoard(picture(str(whole / "motion" / name)))
+        assert len(numbers) > 45
+        points = np.asarray(board.getChessboardCorners())[numbers.ravel()]
+        _, turn, shift = cv2.solvePnP(points, corners, rig.camera.matrix, rig.camera.distortion)
+        in_camera = cv2.Rodrigues(turn)[0] @ np.array([90.0, 63.0, 0.0]) + shift.ravel()
+        places.append(rig.bed_from_camera.apply(in_camera[np.newaxis])[0])
+    np.testing.assert_allclose(places[0] - places[1], rig.travel * 5 * 22.0, atol=0.08)
+    # The printed face lies as high as the board is thick.
+    assert places[0][2] == pytest.approx(3.0, abs=0.5)
+
+
+def test_tof_readings_off_the_slopes_lie_on_the_true_surface(whole: Path) -> None:
+    rig = rig_from_json((whole / "rig.json").read_text())
+    ball = json.loads((whole / "truth.json").read_text())["scene"]["things"][0]["dimensions_mm"]
+    with (whole / "tof" / "samples.csv").open(newline="") as file:
+        rows = [row for row in csv.DictReader(file) if row["adc"]]
+    assert rig.tof is not None
+    cart, slide, adc = (np.array([float(row[name]) for row in rows]) for name in ("cart_mm", "slide_mm", "adc"))
+    start = rig.tof.position_mm + np.outer(cart, rig.travel) + np.outer(slide, rig.tof.slide)
+    points = start + np.outer(rig.tof.offset_mm + rig.tof.gain_mm_per_unit * adc, rig.tof.beam)
+    aside = np.hypot(points[:, 0] - ball["x"], points[:, 1] - ball["y"])
+    top = aside < 3.0
+    high = ball["z"] + np.sqrt(ball["radius"] ** 2 - aside[top] ** 2)
+    assert top.sum() > 20
+    # On the way up and down the lag of 0.36 mm along the sweep leaves 0.06 mm at 3 mm from the top.
+    assert np.abs(points[top, 2] - high).max() < 0.12
+    assert np.abs(points[aside > 30.0, 2]).max() < 0.06
+
+
+@pytest.mark.parametrize("part", ["sheets", "Camera"])
+def test_parts_that_cannot_be_made_are_refused_before_anything_is_written(tmp_path: Path, part: str) -> None:
+    with pytest.raises(SettingsError, match="camera, motion, tof"):
+        render_capture(tmp_path / "c", "bed", image_size=(64, 360), parts={part})
     assert not (tmp_path / "c").exists()

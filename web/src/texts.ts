@@ -153,9 +153,11 @@ export const texts = {
 
   scenes: {
     "three-objects": "Prism, sphere and cylinder",
+    "five-pieces": "Five wooden pieces",
     steps: "Blocks of five heights",
     sphere: "Sphere",
     relief: "Face in low relief",
+    board: "Calibration board",
   } as Record<string, string>,
 
   methods: {

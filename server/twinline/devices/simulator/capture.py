@@ -2,6 +2,7 @@
 
 import os
 from collections.abc import Callable, Iterator
+from collections.abc import Set as AbstractSet
 from concurrent.futures import FIRST_COMPLETED, Executor, Future, ThreadPoolExecutor, wait
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -11,11 +12,12 @@ import cv2
 import numpy as np
 
 from twinline.arrays import FloatArray
+from twinline.devices.simulator.capture_parts import checked_parts, described_parts, write_parts
 from twinline.devices.simulator.machine import SimulatedRig
 from twinline.devices.simulator.renderer import Renderer, RoomLight
 from twinline.devices.simulator.scenes import Scene, named_scene
 from twinline.devices.simulator.truth import owner_knowledge, write_json, write_truth
-from twinline.devices.simulator.world import build_world
+from twinline.devices.simulator.workspace import Workspace, swept_travel_mm
 from twinline.errors import OutputError, SettingsError
 
 _CHUNK_FRAMES = 16
@@ -64,6 +66,7 @@ def render_capture(
     pitch_mm: float = 0.5,
     travel_mm: tuple[float, float] | None = None,
     alternating: bool = False,
+    parts: AbstractSet[str] = frozenset(),
     room: RoomLight | None = None,
     seed: int = 0,
     executor: Executor | None = None,
@@ -91,6 +94,9 @@ def render_capture(
     travel_mm : (float, float)
         Commanded positions of the first and of the last frame; by default as far as it takes every laser to sweep the
         whole scene.
+    parts
+        What to write beside the laser pass: "camera" (views of a calibration board), "motion" (a board on the bed
+        while the cart travels), "tof" (a ToF pass).
     alternating
         Only one laser on at a time, frame by frame.
     executor
@@ -117,8 +123,9 @@ def render_capture(
     first_mm, last_mm = swept_travel_mm(machine, chosen)
     placed = chosen.moved(-first_mm, 0.0)
     cart_mm = _positions(travel_mm or (0.0, last_mm - first_mm), pitch_mm)
-    world = build_world(placed.things, placed.bed, seed=seed)
-    renderer = Renderer(world, machine, room, seed=seed)
+    wanted = checked_parts(frozenset(parts), machine)
+    workspace = Workspace(placed, machine, room or RoomLight(), seed)
+    renderer = workspace.renderer
 
     every = frozenset(range(1, len(machine.lasers) + 1))
     shots = [
@@ -133,19 +140,9 @@ def render_capture(
         _render_all(folder, renderer, shots, executor, report, checkpoint)
         _write_frame_list(folder / "laser" / "frames.csv", shots, alternating=alternating)
         write_truth(folder, placed, machine, name=placed.name, seed=seed)
-        write_json(folder / "capture.json", owner_knowledge(placed.name, machine))
+        write_parts(folder, wanted, workspace, seed=seed, checkpoint=checkpoint)
+        write_json(folder / "capture.json", owner_knowledge(placed.name, machine) | described_parts(wanted, machine))
     return RenderedCapture(folder, cart_mm, placed, machine)
-
-
-def swept_travel_mm(rig: SimulatedRig, scene: Scene) -> tuple[float, float]:
-    """Commanded positions between which every laser sweeps the scene, by what the owner knows of the machine."""
-    highest = max((float(thing.mesh.bounds[1][2]) for thing in scene.things), default=0.0)
-    reaches = [
-        laser.ahead * (laser.known_baseline_mm - depth / np.tan(np.radians(laser.known_angle_deg)))
-        for laser in rig.lasers
-        for depth in (rig.known_camera_height_mm, rig.known_camera_height_mm - highest)
-    ]
-    return scene.span_mm[0] - max(reaches), scene.span_mm[1] - min(reaches)
 
 
 def _positions(travel_mm: tuple[float, float], pitch_mm: float) -> FloatArray:

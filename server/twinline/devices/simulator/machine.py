@@ -12,7 +12,11 @@ import numpy as np
 from twinline.arrays import FloatArray
 from twinline.devices.simulator.lens import Lens
 from twinline.devices.simulator.sensor import Sensor
+from twinline.devices.simulator.tof_beam import SimulatedTofMount
+from twinline.devices.simulator.turns import turn_deg
 from twinline.errors import SettingsError
+
+__all__ = ["Side", "SimulatedLaser", "SimulatedRig", "StripeRuns", "ideal_rig", "turn_deg"]
 
 StripeRuns = Literal["along-u", "along-v"]
 Side = Literal["+u", "-u", "+v", "-v"]
@@ -40,6 +44,9 @@ class SimulatedLaser:
         Standard deviation of the light across the sheet.
     brightness_dn
         Grey levels of a white surface that faces the laser 400 mm away.
+    response : (float, float, float)
+        Grey levels of blue, green and red for one grey level of its light, the highest of them 1: its colour. None
+        takes the sensor's own, which is for red light.
     """
 
     side: Side
@@ -53,6 +60,7 @@ class SimulatedLaser:
     above_mm: float = 0.0
     width_mm: float = 0.45
     brightness_dn: float = 340.0
+    response: tuple[float, float, float] | None = None
 
     @property
     def ahead(self) -> float:
@@ -98,6 +106,8 @@ class SimulatedRig:
         Focal length the owner would guess from the data sheet.
     travel_yaw_deg, travel_scale
         Direction of the real travel in the bed's plane, and real millimetres per commanded one.
+    tof
+        The point distance sensor; None for a machine without one.
     """
 
     image_size: tuple[int, int] = (1280, 720)
@@ -123,6 +133,7 @@ class SimulatedRig:
     travel_yaw_deg: float = 0.6
     travel_scale: float = 1.0053
     sensor: Sensor = field(default_factory=Sensor)
+    tof: SimulatedTofMount | None = field(default_factory=SimulatedTofMount)
 
     def __post_init__(self) -> None:
         if min(self.image_size) < 16 or self.camera_height_mm <= 0:
@@ -187,11 +198,3 @@ def ideal_rig() -> SimulatedRig:
         travel_yaw_deg=0.0,
         travel_scale=1.0,
     )
-
-
-def turn_deg(axis: FloatArray, angle_deg: float) -> FloatArray:
-    """(3, 3) rotation about a unit axis, right-handed (O. Rodrigues' formula)."""
-    angle = np.radians(angle_deg)
-    x, y, z = axis
-    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    return np.asarray(np.eye(3) + np.sin(angle) * cross + (1.0 - np.cos(angle)) * cross @ cross)

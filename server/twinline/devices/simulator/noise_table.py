@@ -2,10 +2,10 @@
 
 from statistics import NormalDist
 
-import numba
 import numpy as np
 
 from twinline.arrays import FloatArray, IntArray
+from twinline.devices.simulator.compiled import loop
 
 TABLE_BITS = 12
 
@@ -25,7 +25,7 @@ def normal_table() -> FloatArray:
     return np.asarray(means / means.std(), dtype=np.float32)
 
 
-@numba.njit(cache=True, nogil=True, inline="always")
+@loop
 def next_random(state: np.uint64) -> np.uint64:  # pragma: no cover - compiled
     """Next state of a xorshift generator, which is also its next 64 random bits; a state of 0 stays 0.
 
@@ -36,11 +36,17 @@ def next_random(state: np.uint64) -> np.uint64:  # pragma: no cover - compiled
     return b ^ (b << np.uint64(17))
 
 
-@numba.njit(cache=True, nogil=True, inline="always")
+@loop
 def to_normal(table: FloatArray, bits: np.uint64) -> float:  # pragma: no cover - compiled
     """Standard normal number for the last ``TABLE_BITS`` of some random bits."""
     value: float = table[bits & np.uint64((1 << TABLE_BITS) - 1)]
     return value
+
+
+def normal_pool(size: int, seed: int) -> FloatArray:
+    """Normal random numbers to be read again from ever other places, (size,) float32 with mean 0 and variance 1."""
+    pool = np.random.default_rng([seed, 2]).standard_normal(size)
+    return np.asarray((pool - pool.mean()) / pool.std(), dtype=np.float32)
 
 
 def frame_seeds(seed: int, frame: int, count: int) -> IntArray:

@@ -2,17 +2,23 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 import trimesh
 
 from twinline.arrays import FloatArray
-from twinline.devices.simulator.machine import turn_deg
+from twinline.devices.simulator.board_print import board_thing, default_board
+from twinline.devices.simulator.mesh_file import MESH_ENDINGS, read_mesh
+from twinline.devices.simulator.relief import HALF_X_MM, HALF_Y_MM, relief_mesh
+from twinline.devices.simulator.turns import turn_deg
 from twinline.devices.simulator.world import Material, Thing
 from twinline.errors import NotFoundError, SettingsError
 
 _BED = Material((0.46, 0.50, 0.52), 0.08)
 _WOOD = Material((0.52, 0.68, 0.82), 0.06)
+_OAK = Material((0.40, 0.58, 0.72), 0.10)
+_WALNUT = Material((0.22, 0.34, 0.47), 0.10)
 _CHALK = Material((0.88, 0.90, 0.90), 0.02)
 _CARD = Material((0.74, 0.70, 0.62), 0.04)
 
@@ -45,22 +51,33 @@ class Scene:
 
 
 def named_scene(name: str) -> Scene:
-    """A built-in scene.
+    """A built-in scene, or a mesh file given by its path.
 
     Raises
     ------
     NotFoundError
-        There is none of this name.
+        There is no scene of this name, or no such file.
+    SettingsError
+        The file has no usable surface.
     """
+    path = Path(name)
+    if path.suffix.lower() in MESH_ENDINGS:
+        mesh, colours = read_mesh(path)
+        return mesh_scene(path.stem, mesh, colours=colours)
     makers: dict[str, Callable[[], Sequence[Thing]]] = {
         "bed": lambda: (),
         "three-objects": _three_objects,
+        "five-pieces": _five_pieces,
+        "board": lambda: (board_thing(default_board(), 0.0, 0.0, 7.0),),
         "steps": _steps,
         "sphere": lambda: (_sphere("sphere", 20.0, 0.0, 0.0, _CHALK),),
         "relief": lambda: (_relief(),),
     }
     if name not in makers:
-        raise NotFoundError(f"There is no simulated scene {name!r}; choose one of {', '.join(sorted(makers))}.")
+        raise NotFoundError(
+            f"There is no simulated scene {name!r}; choose one of {', '.join(sorted(makers))}, or give a mesh file "
+            f"({', '.join(MESH_ENDINGS)})."
+        )
     return scene_of(name, makers[name]())
 
 
@@ -79,8 +96,15 @@ def scene_of(name: str, things: Sequence[Thing], *, margin_mm: float = 6.0) -> S
     return Scene(name, tuple(things), span_mm=(first - margin_mm, last + margin_mm))
 
 
-def mesh_scene(name: str, mesh: trimesh.Trimesh, material: Material = _CHALK) -> Scene:
+def mesh_scene(
+    name: str, mesh: trimesh.Trimesh, material: Material = _CHALK, *, colours: FloatArray | None = None
+) -> Scene:
     """Any mesh, centred and standing on the bed as it is turned.
+
+    Parameters
+    ----------
+    colours : (vertices, 3) array
+        Share of blue, green and red light that comes back; None takes the material's.
 
     Raises
     ------
@@ -93,7 +117,7 @@ def mesh_scene(name: str, mesh: trimesh.Trimesh, material: Material = _CHALK) ->
     low, high = mesh.bounds
     mesh.apply_translation((-(low[0] + high[0]) / 2, -(low[1] + high[1]) / 2, -low[2]))
     size = dict(zip(("size_x", "size_y", "size_z"), (float(s) for s in mesh.extents), strict=True))
-    return scene_of(name, [Thing(name, "mesh", {"x": 0.0, "y": 0.0, **size}, mesh, material)])
+    return scene_of(name, [Thing(name, "mesh", {"x": 0.0, "y": 0.0, **size}, mesh, material, colours)])
 
 
 def box(name: str, size: tuple[float, float, float], x: float, y: float, yaw_deg: float, material: Material) -> Thing:
@@ -138,31 +162,42 @@ def _steps() -> Sequence[Thing]:
 
 
 def _relief() -> Thing:
-    """A face in low relief: smooth, without an edge except its rim."""
-    x, y = np.meshgrid(np.linspace(-32.0, 32.0, 129), np.linspace(-26.0, 26.0, 105), indexing="ij")
-
-    def bump(at_x: float, at_y: float, wide_x: float, wide_y: float, high: float) -> FloatArray:
-        return np.asarray(high * np.exp(-0.5 * (((x - at_x) / wide_x) ** 2 + ((y - at_y) / wide_y) ** 2)))
-
-    inside = np.clip(1.0 - (x / 31.0) ** 2 - (y / 25.0) ** 2, 0.0, None)
-    height = 13.0 * inside**0.55
-    height += bump(2.0, 0.0, 7.0, 3.0, 6.5) + bump(6.5, 0.0, 2.6, 4.2, 3.0)
-    height += bump(-7.5, -9.5, 2.2, 6.0, 2.2) + bump(-7.5, 9.5, 2.2, 6.0, 2.2)
-    height -= bump(-3.0, -9.5, 2.6, 4.5, 3.0) + bump(-3.0, 9.5, 2.6, 4.5, 3.0)
-    height += bump(-3.0, -9.5, 1.3, 2.4, 1.6) + bump(-3.0, 9.5, 1.3, 2.4, 1.6)
-    height += bump(13.0, 0.0, 1.4, 6.0, 1.8) + bump(16.8, 0.0, 1.6, 5.0, 2.0) - bump(14.9, 0.0, 0.8, 7.0, 1.2)
-    height += bump(23.0, 0.0, 3.0, 4.0, 2.4)
-    mesh = _height_field(x, y, np.clip(height, 0.0, None) * (inside > 0))
-    return Thing("relief", "mesh", {"x": 0.0, "y": 0.0, "size_x": 64.0, "size_y": 52.0}, mesh, _CHALK)
+    size = {"size_x": 2 * HALF_X_MM, "size_y": 2 * HALF_Y_MM}
+    return Thing("relief", "mesh", {"x": 0.0, "y": 0.0, **size}, relief_mesh(), _CHALK)
 
 
-def _height_field(x: FloatArray, y: FloatArray, height: FloatArray) -> trimesh.Trimesh:
-    """Two triangles a cell, leaving out the cells that lie flat on the bed."""
-    rows, columns = x.shape
-    index = np.arange(rows * columns).reshape(rows, columns)
-    a, b, c, d = index[:-1, :-1], index[1:, :-1], index[1:, 1:], index[:-1, 1:]
-    top = np.maximum.reduce([height[:-1, :-1], height[1:, :-1], height[1:, 1:], height[:-1, 1:]])
-    raised = top > 0
-    faces = np.concatenate([np.stack([a, b, c], axis=-1)[raised], np.stack([a, c, d], axis=-1)[raised]])
-    vertices = np.column_stack([x.ravel(), y.ravel(), height.ravel()])
-    return trimesh.Trimesh(vertices, faces, process=False)
+def _five_pieces() -> Sequence[Thing]:
+    """Five wooden pieces, thrown down at random once and for all."""
+    arch = np.linspace(0.0, np.pi, 97)
+    hexagon = np.arange(6) * np.pi / 3
+    return (
+        box("block", (32.0, 18.0, 15.0), -24.0, -30.0, 27.0, _OAK),
+        _bar("wedge", np.array([[-11.0, 0.0], [11.0, 0.0], [0.0, 15.0]]), 30.0, 20.0, -38.0, -52.0, _WOOD),
+        _cylinder("rod", 9.0, 22.0, -1.0, 1.0, _WALNUT),
+        _bar("arch", 10.0 * np.column_stack([np.cos(arch), np.sin(arch)]), 34.0, -24.0, 32.0, 71.0, _WOOD),
+        _standing("hexagon", 12.0 * np.column_stack([np.cos(hexagon), np.sin(hexagon)]), 10.0, 25.0, 29.0, 13.0, _OAK),
+    )
+
+
+def _bar(
+    name: str, profile: FloatArray, length: float, x: float, y: float, yaw_deg: float, material: Material
+) -> Thing:
+    """A convex profile (across, up) drawn out along its own axis and laid down."""
+    ends = [np.column_stack([np.full(len(profile), at), profile]) for at in (-length / 2, length / 2)]
+    return _hull(name, np.concatenate(ends), {"length": length}, x, y, yaw_deg, material)
+
+
+def _standing(
+    name: str, outline: FloatArray, height: float, x: float, y: float, yaw_deg: float, material: Material
+) -> Thing:
+    """A convex outline (x, y) drawn out upwards."""
+    ends = [np.column_stack([outline, np.full(len(outline), z)]) for z in (0.0, height)]
+    return _hull(name, np.concatenate(ends), {"height": height}, x, y, yaw_deg, material)
+
+
+def _hull(
+    name: str, points: FloatArray, sizes: dict[str, float], x: float, y: float, yaw_deg: float, material: Material
+) -> Thing:
+    placed = points @ turn_deg(np.array([0.0, 0.0, 1.0]), yaw_deg).T + (x, y, 0.0)
+    mesh = trimesh.convex.convex_hull(placed)
+    return Thing(name, "mesh", {"x": x, "y": y, **sizes, "yaw_deg": yaw_deg}, mesh, material)

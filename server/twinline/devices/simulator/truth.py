@@ -15,12 +15,20 @@ import trimesh
 from twinline.arrays import FloatArray, IntArray
 from twinline.devices.simulator.machine import SimulatedRig
 from twinline.devices.simulator.scenes import Scene
+from twinline.devices.simulator.tof import FrontEnd, TofSensor, full_scale_front_end
+from twinline.errors import OutputError, SettingsError
 from twinline.geometry.rig import Rig
 from twinline.geometry.rig_json import rig_from_json, rig_to_json
 
 
-def true_rig(name: str, rig: SimulatedRig) -> Rig:
-    """The machine's true parameters in the project's terms."""
+def true_rig(name: str, rig: SimulatedRig, front_end: FrontEnd | None = None) -> Rig:
+    """The machine's true parameters in the project's terms.
+
+    Parameters
+    ----------
+    front_end
+        What the ToF readings come from; by default one whose ends are the ends of the sensor's range, as in folders.
+    """
     rotation = rig.bed_from_camera
     lens = rig.lens
     k1, k2, k3 = lens.radial
@@ -49,9 +57,26 @@ def true_rig(name: str, rig: SimulatedRig) -> Rig:
         ],
         "bed_from_camera": {"rotation": rotation.tolist(), "translation_mm": rig.eye_mm(0.0).tolist()},
         "travel_mm_per_mm": rig.travel.tolist(),
-        "sources": dict.fromkeys(("camera", "sheets", "bed_from_camera", "travel"), "given by the simulator"),
+        "tof": _true_tof(rig, front_end),
+        "sources": dict.fromkeys(("camera", "sheets", "bed_from_camera", "travel", "tof"), "given by the simulator"),
     }
     return rig_from_json(json.dumps(document))
+
+
+def _true_tof(rig: SimulatedRig, front_end: FrontEnd | None) -> dict[str, Any] | None:
+    if rig.tof is None:
+        return None
+    sensor = TofSensor()
+    gain, offset_mm = (front_end or full_scale_front_end(sensor)).line_of(sensor)
+    return {
+        "position_mm": list(rig.tof.place_mm),
+        "beam": rig.tof.beam.tolist(),
+        "slide_mm_per_mm": rig.tof.slide.tolist(),
+        "gain_mm_per_unit": gain,
+        "offset_mm": offset_mm,
+        "range_mm": list(sensor.range_mm),
+        "lag_s": sensor.lag_s,
+    }
 
 
 def owner_knowledge(name: str, rig: SimulatedRig) -> dict[str, Any]:
@@ -123,6 +148,33 @@ def truth_mesh(scene: Scene) -> trimesh.Trimesh:
         faces.append(np.asarray(thing.mesh.faces) + count)
         count += len(thing.mesh.vertices)
     return trimesh.Trimesh(np.concatenate(vertices), np.concatenate(faces), process=False)
+
+
+def export_mesh(path: Path, mesh: trimesh.Trimesh) -> None:
+    """Write a mesh given in millimetres as .ply, .stl, .obj or .glb (in metres, as that format demands).
+
+    Raises
+    ------
+    SettingsError
+        Another ending, or nothing to write.
+    OutputError
+        The file cannot be written.
+    """
+    ending = path.suffix.lower().lstrip(".")
+    if ending not in ("ply", "stl", "obj", "glb"):
+        raise SettingsError(
+            f"{path} cannot hold the simulated scene; choose a name ending in .ply, .stl, .obj or .glb."
+        )
+    if not len(mesh.faces):
+        raise SettingsError("The simulated bed is bare: there is no mesh to write; choose a scene with objects.")
+    if ending == "glb":
+        mesh = trimesh.Trimesh(mesh.vertices * 0.001, mesh.faces, process=False)
+    content = mesh.export(file_type=ending)
+    assert isinstance(content, str | bytes)
+    try:
+        path.write_bytes(content.encode() if isinstance(content, str) else content)
+    except OSError as error:
+        raise OutputError(f"{path} cannot be written: {error.strerror or error}; choose another folder.") from error
 
 
 def write_truth(folder: Path, scene: Scene, rig: SimulatedRig, *, name: str, seed: int) -> None:

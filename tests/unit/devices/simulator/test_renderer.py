@@ -7,11 +7,12 @@ import numpy as np
 import pytest
 
 from twinline.arrays import FloatArray
+from twinline.devices.simulator.ceiling import Ceiling
 from twinline.devices.simulator.machine import SimulatedLaser, SimulatedRig, ideal_rig
 from twinline.devices.simulator.renderer import Renderer, RoomLight
 from twinline.devices.simulator.scenes import Scene, box, named_scene
-from twinline.devices.simulator.sensor import Sensor
-from twinline.devices.simulator.world import Ceiling, Material, build_world
+from twinline.devices.simulator.sensor import Exposure, Sensor
+from twinline.devices.simulator.world import Material, build_world
 from twinline.errors import SettingsError
 
 PLAIN = Material((0.8, 0.8, 0.8), 0.0)
@@ -32,7 +33,7 @@ def light_picture(renderer: Renderer, cart_mm: float = 0.0, lasers: frozenset[in
     width, height = renderer.rig.image_size
     picture = np.zeros((height, width))
     band, first = renderer.laser_dn(cart_mm, lasers)
-    picture[first : first + len(band)] = band
+    picture[first : first + band.shape[1]] = band.sum(axis=0)
     return picture
 
 
@@ -191,13 +192,105 @@ class TestNoise:
         assert picture[0].max() < 20
 
 
-def test_interpolated_room_light_agrees_with_a_ray_for_every_pixel() -> None:
-    rig = SimulatedRig().cropped((300, 300))
-    scene = named_scene("three-objects")
-    coarse = renderer_of(scene, rig, room=RoomLight(step_px=2)).room_dn(0.0)
-    fine = renderer_of(scene, rig, room=RoomLight(step_px=1)).room_dn(0.0)
-    assert coarse.shape == fine.shape == (300, 300, 3)
-    assert np.median(np.abs(coarse - fine)) < 0.2
+def test_the_open_bed_is_as_bright_as_lamp_and_surroundings_make_it() -> None:
+    rig = ideal_rig().cropped((64, 48))
+    picture = renderer_of(bare(), rig, room=RoomLight((60.0, 100.0, 140.0))).room_dn(0.0)
+    # Half of the light comes from everywhere, half from a lamp that stands at this height above the horizon.
+    sine = 0.89 / np.linalg.norm([0.28, 0.36, 0.89])
+    expected = 0.8 * (0.5 + 0.5 * sine) * np.array([60.0, 100.0, 140.0])
+    np.testing.assert_allclose(picture, np.broadcast_to(expected, picture.shape), rtol=1e-5)
+
+
+def test_the_pattern_of_the_bed_stays_where_it_is_while_the_cart_moves() -> None:
+    rig = ideal_rig().cropped((90, 130))
+    renderer = renderer_of(bare(Material((0.5, 0.5, 0.5), 0.2)), rig, room=RoomLight((100.0, 100.0, 100.0)))
+    # By so many millimetres the bed moves up by 20 rows of the picture, and to the next repeat of the pattern and on.
+    step_mm = 20 * 430.0 / 1030.0
+    here = renderer.room_dn(0.0)
+    assert here.std() > 3.0
+    for steps in (1, -1, 3):
+        there = renderer.room_dn(steps * step_mm)
+        seen, before = (there[: 130 - 20 * steps], here[20 * steps :]) if steps > 0 else (there[20:], here[:-20])
+        np.testing.assert_allclose(seen, before, atol=0.05)
+
+
+def test_things_shade_the_bed_on_the_side_away_from_the_lamp() -> None:
+    rig = ideal_rig().cropped((400, 400))
+    block = box("block", (30.0, 30.0, 20.0), 0.0, 0.0, 0.0, PLAIN)
+    picture = renderer_of(Scene("block", (block,), PLAIN), rig, room=RoomLight((100.0, 100.0, 100.0))).room_dn(0.0)
+    grey = picture[..., 1]
+    v, u = (rig.lens.centre_px[1], rig.lens.centre_px[0])
+
+    def at(x_mm: float, y_mm: float) -> float:
+        row, column = round(v + 1030.0 * x_mm / 430.0), round(u + 1030.0 * y_mm / 430.0)
+        return float(grey[row - 1 : row + 2, column - 1 : column + 2].mean())
+
+    far = at(75.0, 75.0)
+    # The lamp stands towards +x and -y: 20 mm high means a shadow of 20 * 0.36 / 0.89 = 8.1 mm towards +y.
+    assert at(0.0, 19.0) < 0.75 * far
+    assert at(0.0, -23.0) > 0.8 * far
+    assert at(0.0, 40.0) > 0.93 * far
+
+
+@pytest.mark.parametrize(("shift_mm", "yaw_deg"), [(0.0, 0.0), (0.13, 0.0), (0.29, 0.0), (0.1, 8.0)])
+def test_an_edge_lies_where_a_pinhole_sees_it_to_a_part_of_a_pixel(shift_mm: float, yaw_deg: float) -> None:
+    rig = ideal_rig().cropped((160, 240))
+    white, black = Material((0.9, 0.9, 0.9), 0.0), Material((0.0, 0.0, 0.0), 0.0)
+    # The face towards +x is seen from above it; its upper edge is the border between white and black.
+    block = box("block", (40.0, 90.0, 15.0), shift_mm, 0.0, yaw_deg, white)
+    picture = renderer_of(Scene("block", (block,), black), rig, room=RoomLight((100.0, 100.0, 100.0))).room_dn(0.0)
+    for column in (40, 80, 120):
+        y = (column - rig.lens.centre_px[0]) * 415.0 / 1030.0
+        yaw = np.radians(yaw_deg)
+        x = shift_mm - (20.0 + y * np.sin(yaw)) / np.cos(yaw)
+        expected = rig.lens.centre_px[1] + 1030.0 * x / 415.0
+        rows = np.arange(round(expected) - 8, round(expected) + 9)
+        light = picture[rows, column, 1]
+        # Position of a blurred step: the middle of its derivative.
+        slope = np.abs(np.diff(light))
+        seen = float((slope * (rows[:-1] + 0.5)).sum() / slope.sum())
+        assert seen == pytest.approx(expected, abs=0.11)
+
+
+def test_exposure_and_gain_act_on_light_and_noise_as_in_a_camera() -> None:
+    sensor = Sensor(read_dn=2.0, electrons_per_dn=20.0)
+    rig = replace(ideal_rig().cropped((400, 300)), sensor=sensor)
+    renderer = renderer_of(bare(), rig, room=RoomLight((60.0, 60.0, 60.0)))
+    base = renderer.render(0, 0.0, frozenset())
+    longer = renderer.render(0, 0.0, frozenset(), exposure=Exposure(time=2.0))
+    louder = renderer.render(0, 0.0, frozenset(), exposure=Exposure(gain=2.0))
+    mean = base.mean()
+    assert longer.mean() == pytest.approx(2 * mean, rel=0.01)
+    assert louder.mean() == pytest.approx(2 * mean, rel=0.01)
+    assert longer.std() == pytest.approx(np.sqrt(4.0 + 2 * mean / 20.0 + 1 / 12), rel=0.02)
+    # Twice the gain is half the electrons for the same grey level, and twice the read noise.
+    assert louder.std() == pytest.approx(np.sqrt(16.0 + 4 * mean / 20.0 + 1 / 12), rel=0.02)
+
+
+def test_the_lens_darkens_towards_its_corners_by_its_law() -> None:
+    rig = replace(ideal_rig(), sensor=Sensor(falloff=1.0, read_dn=0.0, electrons_per_dn=np.inf))
+    picture = renderer_of(bare(), rig, room=RoomLight((200.0, 200.0, 200.0))).render(0, 0.0, frozenset()).astype(float)
+    cosine = 1.0 / np.sqrt(1.0 + (639.5**2 + 359.5**2) / 1030.0**2)
+    middle = picture[340:380, 620:660].mean()
+    assert picture[:3, :3].mean() / middle == pytest.approx(cosine**4, abs=0.01)
+
+
+def test_a_green_laser_is_green_and_meets_the_green_albedo() -> None:
+    green = replace(ideal_rig().lasers[0], response=(0.1, 1.0, 0.15))
+    rig = replace(ideal_rig().cropped((120, 480)), lasers=(green, ideal_rig().lasers[1]))
+    picture = renderer_of(bare(Material((0.8, 0.4, 0.8), 0.0)), rig).render(0, 0.0).astype(float)
+    lower, upper = picture[260:], picture[:220]
+    assert lower[..., 1].max() > 3 * lower[..., 2].max()
+    assert upper[..., 2].max() > 3 * upper[..., 1].max()
+    assert lower[..., 1].max() < 0.7 * upper[..., 2].max()
+
+
+@pytest.mark.parametrize("share", [0.0, 0.25])
+def test_a_dim_laser_gives_its_share_of_light_and_a_dead_one_none(share: float) -> None:
+    renderer = renderer_of(bare(), ideal_rig().cropped((120, 480)))
+    full, _ = renderer.laser_dn(0.0, frozenset({1}))
+    dim, _ = renderer.laser_dn(0.0, frozenset({1}), power={1: share})
+    np.testing.assert_allclose(dim, share * full, rtol=1e-5, atol=1e-4)
 
 
 def test_the_sheet_too_thick_for_the_shortcut_is_refused() -> None:
