@@ -85,11 +85,7 @@ def adjust(
     """
     theta = scanner.vector()
     free = np.ones(len(theta), bool) if free is None else free
-    systematic = (
-        np.array([_LEAST_ON_BOARD_MM if "on a board" in kind else _FIRST_SYSTEMATIC_MM for kind in KINDS])
-        if systematic_mm is None
-        else systematic_mm
-    )
+    systematic = first_scatter() if systematic_mm is None else systematic_mm
     steps = 0
     loss: Loss = "soft-l1"
     settled = 0
@@ -116,6 +112,16 @@ def adjust(
     return JointResult(
         scanner, covariance, replace(rows, jacobian=None), weights, systematic, normal, link.cells, steps
     )
+
+
+def first_scatter() -> FloatArray:
+    """Standard deviation of a group beyond its noise, (kinds,) in mm, before its residuals tell it."""
+    return np.array([_LEAST_ON_BOARD_MM if "on a board" in kind else _FIRST_SYSTEMATIC_MM for kind in KINDS])
+
+
+def cost_of(rows: Rows, priors: tuple[Prior, ...], theta: FloatArray, systematic_mm: FloatArray) -> float:
+    """What the first rounds of an adjustment minimise: soft-L1 loss of all observations, and the priors."""
+    return _cost(rows, systematic_mm, "soft-l1", np.ones(len(rows.kind))) + _prior_cost(priors, theta)
 
 
 def _sd(rows: Rows, systematic: FloatArray) -> FloatArray:
@@ -148,9 +154,9 @@ def _descend(
 ) -> tuple[Scanner, float, int]:  # fmt: skip
     """A few Levenberg-Marquardt steps; returns how far they went in standard deviations of the parameters."""
     damping, moved, taken = 1e-6, 0.0, 0
-    rows = evaluate(scanner, observations, link)
-    used = (~rows.held_out).astype(float) if hold_out else np.ones(len(rows.kind))
     for _ in range(_INNER):
+        rows = evaluate(scanner, observations, link)
+        used = (~rows.held_out).astype(float) if hold_out else np.ones(len(rows.kind))
         theta = scanner.vector()
         before = _cost(rows, systematic, loss, used) + _prior_cost(priors, theta)
         normal, gradient = _normal(rows, used * _weights(rows, systematic, loss), systematic)
@@ -177,7 +183,6 @@ def _descend(
         scanner = trial
         if size < 1e-3:
             break
-        rows = evaluate(scanner, observations, link)
     return scanner, moved, taken
 
 

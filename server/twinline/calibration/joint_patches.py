@@ -18,7 +18,9 @@ _PAIRS = ((0, 1, 3), (0, TOF, 4), (1, TOF, 5))
 _PATCH_MM = 12.0
 _SLOPE_CLASS = 0.5
 _SPOT_MM = 0.7
-_FEWEST_CELLS = 4
+_FEWEST_CELLS = (4, 2, 1)
+_FEWEST_ROWS = 12
+"""Where so few patches have enough cells, as of small round objects under sparse sweeps, smaller ones count too."""
 _OUTLIER_SCALES = 3.0
 _LEAST_SCALE_MM = 0.02
 _TOF_NOISE_MM = 0.02
@@ -132,7 +134,7 @@ def _pair(
     robust = 1.0 / (1.0 + ((difference - middle) / (_OUTLIER_SCALES * scale)) ** 2) ** 2
     groups, index = np.unique(patch[both], return_inverse=True)
     weight = robust / np.maximum(spread, 1e-6)
-    many = np.bincount(index, weights=robust) >= _FEWEST_CELLS
+    many = _large_enough(np.asarray(np.bincount(index, weights=robust), dtype=np.float64))
     weight = weight / np.bincount(index, weights=weight)[index]
 
     def mean(values: FloatArray) -> FloatArray:
@@ -155,6 +157,17 @@ def _pair(
         np.stack([mean(cells.place[both, i]) for i in (0, 1)], axis=1),
         difference,
     )
+
+
+def _large_enough(cells_seen: FloatArray) -> BoolArray:
+    """Which patches count, by the number of cells that agree in each."""
+    many = np.zeros(len(cells_seen), bool)
+    for fewest in _FEWEST_CELLS:
+        # A lone cell never quite has the weight 1.
+        many = cells_seen >= 0.7 * fewest if fewest == 1 else cells_seen >= fewest
+        if many.sum() >= _FEWEST_ROWS:
+            break
+    return np.asarray(many)
 
 
 def _no_association() -> Association:

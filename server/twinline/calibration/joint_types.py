@@ -1,6 +1,7 @@
 """What a joint adjustment takes in and works on."""
 
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 from scipy.sparse import csr_matrix
@@ -61,7 +62,7 @@ class Prior:
 
     def rows(self, theta: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Residuals (k,) and their derivatives (k, parameters), whitened."""
-        root = np.linalg.cholesky(self.information).T
+        root = self._root
         design = np.zeros((len(self.index), len(theta)))
         design[np.arange(len(self.index)), self.index] = 1.0
         error = theta[self.index] - self.values
@@ -69,6 +70,10 @@ class Prior:
             error = error - self.shift @ (theta[self.on] - self.at)
             design[:, self.on] -= self.shift
         return root @ error, root @ design
+
+    @cached_property
+    def _root(self) -> FloatArray:
+        return np.asarray(np.linalg.cholesky(self.information).T)
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,6 +11,7 @@ _MEDIAN_SIZE = 5
 _STRAY_PX = 1.5
 _STRAY_SCALES = 6.0
 _EDGE_JUMP_PX = 2.5
+_FEWEST_REPEATS = 3
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,6 +66,30 @@ class TofReadings:
 
     def __len__(self) -> int:
         return len(self.time_s)
+
+
+def median_of_repeats(readings: TofReadings) -> TofReadings:
+    """One reading per stay where the sensor stood still for each: the median of the valid ones.
+
+    Of a raster that stops at its places the first readings of a stay may still be those of the place before, and some
+    sensors now and then give a wild one. Readings taken in motion are returned as they are.
+    """
+    if not len(readings):
+        return readings
+    moved = (np.diff(readings.cart_mm) != 0) | (np.diff(readings.slide_mm) != 0)
+    stay = np.concatenate([[0], np.cumsum(moved)])
+    first, length = np.unique(stay, return_index=True, return_counts=True)[1:]
+    if np.median(length) < _FEWEST_REPEATS:
+        return readings
+    ends = zip(first, first + length, strict=True)
+    value = np.full(len(first), np.nan)
+    for number, (begin, end) in enumerate(ends):
+        valid = readings.reading[begin:end]
+        valid = valid[np.isfinite(valid)]
+        if len(valid):
+            value[number] = np.median(valid)
+    middle = first + length // 2
+    return TofReadings(readings.time_s[middle], readings.cart_mm[first], readings.slide_mm[first], value)
 
 
 def clean_stripes(centre_px: FloatArray) -> tuple[BoolArray, float]:

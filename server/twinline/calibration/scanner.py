@@ -5,8 +5,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from twinline.arrays import BoolArray, FloatArray, IntArray
+from twinline.arrays import BoolArray, FloatArray
 from twinline.calibration.bed_line import bed_groups, find_bed_line
+from twinline.calibration.first_sheets import first_sheets
 from twinline.calibration.intrinsics import IntrinsicsResult
 from twinline.calibration.joint import JointResult, adjust
 from twinline.calibration.joint_model import Scanner, TofPoints, TofState, laser_samples, tof_points
@@ -20,18 +21,23 @@ from twinline.calibration.joint_priors import (
 )
 from twinline.calibration.joint_types import KnownPoints, Observations, Prior
 from twinline.calibration.observations import StripePoints, TofReadings, clean_stripes, stripe_points
-from twinline.calibration.sheets import sheet_from_bed_line, sheet_from_points
-from twinline.calibration.tof_start import FIRST_CUT_MM, LAST_CUT_MM, HeightMap, follow_on, height_map, start_tof
+from twinline.calibration.tof_start import (
+    FIRST_CUT_MM,
+    LAST_CUT_MM,
+    HeightMap,
+    follow_on,
+    height_map,
+    start_tof,
+    tof_bed_groups,
+)
 from twinline.calibration.travel import TravelResult
 from twinline.errors import CalibrationError
 from twinline.geometry.rig import Rig
 
 PARTS = ("camera", "travel", "sheets", "tof")
 
-_TOF_GROUP_MM = 20.0
 _TOF_ON_BED_MM = 0.6
 _TOF_OBJECT_MM = 1.0
-_FEWEST_IN_GROUP = 20
 _LEAST_CELL_MM = 1.0
 _FEWEST_BED_POINTS = 500
 _MOST_OBJECT_POINTS = 60_000
@@ -57,6 +63,8 @@ class ScannerData:
         The scanner as it is known: nominal, or an earlier calibration.
     parts
         Which of `PARTS` to calibrate; the others stay as in ``base``.
+    saturated_share
+        For each laser the share of its stripes whose light is cut off at the top of the scale.
     """
 
     base: Rig
@@ -66,6 +74,7 @@ class ScannerData:
     stripes: tuple[StripeTable, ...] = ()
     tof: TofReadings | None = None
     known: tuple[KnownPoints, ...] = ()
+    saturated_share: tuple[float, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -169,20 +178,56 @@ def calibrate_scanner(data: ScannerData) -> ScannerResult:
     if not wants_surface:
         return _without_surface(start, nominal, data, priors, notes)
     seen = tuple(_sort(table, start, k) for k, table in enumerate(data.stripes))
-    scanner = _first_sheets(start, data, seen, notes) if "sheets" in data.parts else start
+    if data.stripes and not any(len(s.bed) or len(s.objects) for s in seen):
+        raise CalibrationError(
+            "No stripe of the laser pass goes on smoothly from frame to frame and column to column: check exposure and "
+            "focus, and that frames.csv holds the positions in order.",
+            code="no-stripe",
+        )
+    scanner = start
+    if "sheets" in data.parts:
+        baselines = [abs(sheet.baseline_mm) for sheet in data.base.sheets]
+        scanner = replace(start, sheets=first_sheets(start, baselines, [s.groups for s in seen], data.known, notes))
     tof = follow_on(data.tof) if data.tof is not None and scanner.tof is not None else None
     if tof is not None and not len(tof):
         notes.append("The ToF readings hold no two valid ones in a row; they were not used.")
         tof = None
-    placed_tof = None
+    mount = None
     if tof is None:
         scanner, start = replace(scanner, tof=None), replace(start, tof=None)
     else:
         placed = _expressed(nominal, start)
         priors += tof_priors(scanner, placed)
-        placed_tof = placed.tof
-        scanner = replace(scanner, tof=placed_tof)
+        mount = placed.tof
+        scanner = replace(scanner, tof=mount)
     cell_mm = _cell_mm(scanner, data.stripes)
+    done = _adjusted(scanner, data, seen, tof, tuple(priors), cell_mm)
+    return ScannerResult(
+        done.joint.scanner, start, done.joint.covariance, done.free, done.priors, replace(nominal, tof=mount),
+        done.joint, done.held_out, done.observations, seen, tof, cell_mm, tuple(notes),
+    )  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False)
+class _Adjusted:
+    """The adjustment to all observations and the one that leaves some out, with what went into them."""
+
+    joint: JointResult
+    held_out: JointResult
+    observations: Observations
+    free: BoolArray
+    priors: tuple[Prior, ...]
+
+
+def _adjusted(
+    scanner: Scanner,
+    data: ScannerData,
+    seen: Sequence[LaserSeen],
+    tof: TofPoints | None,
+    priors: tuple[Prior, ...],
+    cell_mm: float,
+) -> _Adjusted:
+    """Observe and adjust, the ToF sensor's place being searched for before each."""
     scanner, observations, found = _observe(scanner, data, seen, tof, cut_mm=FIRST_CUT_MM, cell_mm=cell_mm)
     free = free_parameters(scanner, data.parts)
     joint = adjust(scanner, observations, (*priors, *found), cell_mm=cell_mm, free=free)
@@ -193,15 +238,11 @@ def calibrate_scanner(data: ScannerData) -> ScannerResult:
         joint = adjust(
             scanner, observations, (*priors, *found), cell_mm=cell_mm, free=free, systematic_mm=joint.systematic_mm
         )
-    priors += found
     held_out = adjust(
-        joint.scanner, observations, tuple(priors), cell_mm=cell_mm, free=free, systematic_mm=joint.systematic_mm,
+        joint.scanner, observations, (*priors, *found), cell_mm=cell_mm, free=free, systematic_mm=joint.systematic_mm,
         hold_out=True,
     )  # fmt: skip
-    return ScannerResult(
-        joint.scanner, start, joint.covariance, free, tuple(priors), replace(nominal, tof=placed_tof), joint, held_out,
-        observations, seen, tof, cell_mm, tuple(notes),
-    )  # fmt: skip
+    return _Adjusted(joint, held_out, observations, free, (*priors, *found))
 
 
 def _without_surface(
@@ -269,52 +310,6 @@ def _sort(table: StripeTable, scanner: Scanner, laser: int) -> LaserSeen:
     )
 
 
-def _first_sheets(start: Scanner, data: ScannerData, seen: Sequence[LaserSeen], notes: list[str]) -> Scanner:
-    """Sheets in closed form: through points of known place where there are such, else through the line on the bed."""
-    camera = start.as_camera()
-    sheets = start.sheets.copy()
-    for k, side in enumerate(start.sides):
-        rays, inverse = _known_depths(start, data.known, k)
-        groups = seen[k].groups if k < len(seen) else StripePoints.join([])
-        bed_rays = camera.rays(groups.pixels)
-        if len(rays):
-            # The bed is a surface of known place too.
-            rays = np.concatenate([rays, bed_rays])
-            inverse = np.concatenate([inverse, bed_rays @ start.bed])
-            try:
-                sheets[k] = sheet_from_points(rays, inverse, side).inverse_depth
-                continue
-            except CalibrationError:
-                notes.append(f"The surfaces of known height do not fix the sheet of laser {k + 1} alone.")
-        if len(groups) >= 2:
-            baseline = abs(data.base.sheets[k].baseline_mm)
-            sheets[k] = sheet_from_bed_line(bed_rays, start.bed, baseline, side).inverse_depth
-        else:
-            notes.append(f"The stripe of laser {k + 1} is not seen on the bare bed.")
-    return replace(start, sheets=sheets)
-
-
-def _known_depths(scanner: Scanner, known: Sequence[KnownPoints], laser: int) -> tuple[FloatArray, FloatArray]:
-    """Rays on surfaces of known place, and 1/Z there."""
-    camera = scanner.as_camera()
-    rays: list[FloatArray] = [np.empty((0, 3))]
-    inverse: list[FloatArray] = [np.empty(0)]
-    for points in known:
-        if points.laser != laser:
-            continue
-        ray = camera.rays(points.stripes.pixels)
-        block = np.isnan(points.normal[:, :1])
-        size = float(np.linalg.norm(scanner.bed))
-        plane = np.where(
-            block,
-            scanner.bed / (1.0 - size * np.where(block[:, 0], points.offset, 0.0))[:, None],
-            points.normal / points.offset[:, None],
-        )
-        rays.append(ray)
-        inverse.append(np.einsum("ij,ij->i", ray, plane))
-    return np.concatenate(rays), np.concatenate(inverse)
-
-
 def _cell_mm(scanner: Scanner, stripes: Sequence[StripeTable]) -> float:
     """A little more than the distance between neighbouring points, in either direction."""
     if not stripes:
@@ -356,7 +351,7 @@ def _observe(
             if np.isfinite(cost):
                 found = [tof_place_prior(scanner, _usual_distance(scanner, tof))]
         points = tof_points(scanner, tof) @ scanner.axes().T + np.array([0.0, 0.0, scanner.height_mm()])
-        tof_bed = _tof_groups(tof, points, np.flatnonzero(np.abs(points[:, 2]) < _TOF_ON_BED_MM))
+        tof_bed = tof_bed_groups(tof, points, np.flatnonzero(np.abs(points[:, 2]) < _TOF_ON_BED_MM))
         tof_objects = tof.take(np.flatnonzero(points[:, 2] > _TOF_OBJECT_MM))
     observations = Observations(
         tuple(s.groups for s in seen), tuple(s.objects for s in seen), tof_bed, tof_objects, data.known
@@ -367,18 +362,3 @@ def _observe(
 def _usual_distance(scanner: Scanner, tof: TofPoints) -> float:
     assert scanner.tof is not None
     return float(np.median(scanner.tof.offset + scanner.tof.gain * tof.reading))
-
-
-def _tof_groups(tof: TofPoints, points: FloatArray, rows: IntArray) -> TofPoints:
-    """Readings on the bed averaged over squares of it."""
-    if not len(rows):
-        return tof.take(rows)
-    cell = np.floor(points[rows, :2] / _TOF_GROUP_MM).astype(np.int64)
-    _, group, counts = np.unique(cell, axis=0, return_inverse=True, return_counts=True)
-    group = group.ravel()
-    kept = counts >= _FEWEST_IN_GROUP
-
-    def mean(values: FloatArray) -> FloatArray:
-        return (np.bincount(group, weights=values[rows], minlength=len(counts)) / counts)[kept]
-
-    return TofPoints(mean(tof.cart_mm), mean(tof.slide_mm), mean(tof.reading), mean(tof.change), mean(tof.step_s))

@@ -7,11 +7,14 @@ from twinline.errors import CalibrationError
 from twinline.geometry.sheet import LaserSheet, Side
 
 _ROUNDS = 12
+_GROSS_SCALES = 6.0
 _FLATTEST = 1e-3
 
 
 def sheet_from_points(rays: FloatArray, inverse_depth: FloatArray, side: Side) -> LaserSheet:
-    """Sheet through points of known depth: robust linear least squares.
+    """Sheet through points of known depth: linear least squares over all of them but gross errors.
+
+    A robust fit tells which those are; it would itself lean to whichever part of the points is the densest.
 
     Parameters
     ----------
@@ -36,12 +39,14 @@ def sheet_from_points(rays: FloatArray, inverse_depth: FloatArray, side: Side) -
         )
     weights = np.ones(len(rays))
     m: FloatArray = np.zeros(3)
+    scale = np.inf
     for _ in range(_ROUNDS):
         m = np.linalg.lstsq(rays * weights[:, None], inverse_depth * weights, rcond=None)[0]
         error = rays @ m - inverse_depth
         scale = max(1.4826 * float(np.median(np.abs(error))), 1e-12)
         weights = 1.0 / (1.0 + (error / (3.0 * scale)) ** 2)
-    return _sheet(m, side)
+    kept = np.abs(rays @ m - inverse_depth) <= _GROSS_SCALES * scale
+    return _sheet(np.linalg.lstsq(rays[kept], inverse_depth[kept], rcond=None)[0], side)
 
 
 def _second_extent(points: FloatArray) -> float:

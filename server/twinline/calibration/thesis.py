@@ -81,7 +81,9 @@ def calibrate_thesis(
         )
     raster = tof_cloud(rig, readings)
     if picks is None:
-        picks = [pick_points(rig, k, part, raster, per_level=per_level) for k, part in enumerate(stripes)]
+        picks = [
+            pick_points(rig, k, part, raster, per_level=per_level, cell_mm=cell_mm) for k, part in enumerate(stripes)
+        ]
     fits = tuple(
         fit_sheet(rig.camera, sheet.side, points, start=sheet, lens=lens)
         for sheet, points in zip(rig.sheets, picks, strict=True)

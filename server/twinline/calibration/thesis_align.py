@@ -6,22 +6,29 @@ a surface stretched over a shadow would draw the clouds together by half the sha
 The sum of absolute differences goes over the places that have a partner, and these change as a cloud moves. So that no
 shift wins by losing places, the sum is the mean over the pairs times the number of pairs at the start, and a shift that
 loses half of them counts as impossible.
+
+Where everything within reach of a shift is flat, the difference is the same whatever the shift. The lasers are compared
+without such places where there are enough others: on a large bed, tilts and the lens that the two-parameter sheets
+leave out add up to far more than what the objects say.
 """
 
 from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.ndimage import maximum_filter1d, minimum_filter1d
 
-from twinline.arrays import FloatArray
+from twinline.arrays import BoolArray, FloatArray
 from twinline.calibration.thesis_simplex import NelderMeadTrace, Objective, indifference, nelder_mead
 from twinline.calibration.thesis_surface import Surface, cell_means, extent, finite_points
 from twinline.errors import CalibrationError
 
 _FEWEST_PAIRS = 20
+_FEWEST_TELLING = 100
 _LEAST_SHARE = 0.5
 _REACH_MM = 5.0
 _REACH_DEG = 2.0
+_FLAT_MM = 1.5
 _DETERMINED_MM = 0.5
 _TOLERANCE = 1e-4
 _MOST_POINTS = 20_000
@@ -105,7 +112,7 @@ def align_lasers(
     """Shift of laser 1 along the travel by Nelder-Mead (4.3).
 
     Minimised is ``sum |Z1(x - s, y) - Z2(x, y)|`` over the places that both clouds hold: the mean point of each cell of
-    laser 1's cloud against laser 2's surface.
+    laser 1's cloud against laser 2's surface, without cells that are flat all around.
 
     Parameters
     ----------
@@ -124,8 +131,8 @@ def align_lasers(
     first = finite_points(laser_1_mm, "The cloud of laser 1")
     surface = Surface.of_points(finite_points(laser_2_mm, "The cloud of laser 2"), cell_mm)
     low, shape = extent(first, cell_mm)
-    places = cell_means(first, cell_mm, low, shape).reshape(-1, 3)
-    places = places[np.isfinite(places[:, 0])]
+    means = cell_means(first, cell_mm, low, shape)
+    places = _telling_places(means, surface, start_mm)
 
     def differences(parameters: FloatArray) -> FloatArray:
         return np.asarray(surface.at(places[:, 0] + parameters[0], places[:, 1]) - places[:, 2])
@@ -135,7 +142,8 @@ def align_lasers(
     total = _sum_over_pairs(differences, pairs)
     trace = nelder_mead(total, origin, np.array([1.0]), ("shift_mm",), tolerance=_TOLERANCE)
     best = trace.parameters[-1]
-    ends = indifference(total, best, np.array([_REACH_MM]))[0]
+    # A shift is not refuted by losing the places that could refute it.
+    ends = indifference(_sum_over_pairs(differences, pairs, least_share=0.0), best, np.array([_REACH_MM]))[0]
     return LaserShift(
         float(best[0]),
         total(np.zeros(1)),
@@ -145,6 +153,19 @@ def align_lasers(
         (float(ends[0]), float(ends[1])),
         trace,
     )
+
+
+def _telling_places(means: FloatArray, surface: Surface, start_mm: float) -> FloatArray:
+    """Mean points (n, 3) of the cells around which heights change along x; of all cells where those are too few."""
+    heights = means[..., 2]
+    found: BoolArray = np.isfinite(heights)
+    size = 2 * int(np.ceil(_REACH_MM / surface.cell_mm)) + 1
+    highest = maximum_filter1d(np.where(found, heights, -np.inf), size, axis=0, mode="nearest")
+    lowest = minimum_filter1d(np.where(found, heights, np.inf), size, axis=0, mode="nearest")
+    with np.errstate(invalid="ignore"):
+        telling = means[found & (highest - lowest > _FLAT_MM)]
+    pairs = np.isfinite(surface.at(telling[:, 0] + start_mm, telling[:, 1])).sum()
+    return np.asarray(telling if pairs >= _FEWEST_TELLING else means[found])
 
 
 def _height_of_slopes(places: FloatArray, surface: Surface, shift_mm: float) -> float:
@@ -228,12 +249,14 @@ def _require_pairs(differences: FloatArray, what: str) -> int:
     return pairs
 
 
-def _sum_over_pairs(differences: Callable[[FloatArray], FloatArray], pairs: int) -> Objective:
+def _sum_over_pairs(
+    differences: Callable[[FloatArray], FloatArray], pairs: int, least_share: float = _LEAST_SHARE
+) -> Objective:
     def total(parameters: FloatArray) -> float:
         values = differences(parameters)
         values = values[np.isfinite(values)]
-        if len(values) < max(_LEAST_SHARE * pairs, 1.0):
+        if len(values) < least_share * pairs:
             return float("inf")
-        return float(np.abs(values).mean()) * pairs
+        return float(np.abs(values).mean()) * pairs if len(values) else 0.0
 
     return total

@@ -17,11 +17,11 @@ from twinline.calibration.thesis_surface import cell_means, extent, finite_point
 from twinline.errors import CalibrationError
 from twinline.geometry.rig import Rig
 
-_CELL_MM = 1.0
 _LANES = 300
 _FEWEST_IN_LANE = 8
 _BED_QUANTILE = 0.25
 _MOST_CANDIDATES = 6000
+_RAISED_MM = 3.0
 _FEWEST_READINGS = 6
 _FULL = 0.9
 _LEVEL_MM = 2.0
@@ -73,6 +73,7 @@ def pick_points(
     per_level: int = 20,
     margin_mm: float = 4.0,
     flat_mm: float = 0.5,
+    cell_mm: float = 1.0,
 ) -> PickedPoints:
     """Points on flat places of the bed and of what stands on it.
 
@@ -94,6 +95,8 @@ def pick_points(
         ToF readings in the bed frame; NaN rows are ignored.
     per_level
         Most points of each level; 1 with two levels is the thesis's choice.
+    cell_mm
+        Size of the cells that must be filled all around; not below the distance of frames and pixels on the bed.
 
     Raises
     ------
@@ -109,11 +112,11 @@ def pick_points(
         )
     height_mm = float(rig.bed_from_camera.translation_mm[2])
     cloud = _provisional_cloud(rig, laser, stripes, height_mm)
-    rows = np.flatnonzero(np.isfinite(cloud).all(axis=1))
-    rows = rows[middle_of_cells(cloud[rows], _CELL_MM)] if len(rows) else rows
+    rows: IntArray = np.flatnonzero(np.isfinite(cloud).all(axis=1))
+    rows = rows[middle_of_cells(cloud[rows], cell_mm)] if len(rows) else rows
     _require_overlap(cloud[rows], tof, margin_mm)
-    rows = rows[_flat(cloud[rows], margin_mm, flat_mm)]
-    rows = rows[:: max(1, len(rows) // _MOST_CANDIDATES)]
+    rows = rows[_flat(cloud[rows], margin_mm, flat_mm, cell_mm)]
+    rows = _thinned(rows, cloud[rows, 2])
     heights = _tof_heights(cloud[rows], tof, margin_mm, flat_mm)
     agree = np.abs(cloud[rows, 2] - (heights - _level_of_bed(tof))) <= _AGREE_MM + 0.1 * np.abs(cloud[rows, 2])
     rows, heights = rows[agree], heights[agree]
@@ -173,6 +176,13 @@ def _bed_tangent(tangent: FloatArray, lane: FloatArray, laser: int) -> FloatArra
     return np.asarray(fit.intercept + fit.slope * lane)
 
 
+def _thinned(rows: IntArray, height_mm: FloatArray) -> IntArray:
+    """An even choice of the bed's rows and of the raised ones, each by itself: most of a pass is bare bed."""
+    raised = height_mm > _RAISED_MM
+    parts = [part[:: max(1, 2 * len(part) // _MOST_CANDIDATES)] for part in (rows[~raised], rows[raised])]
+    return np.concatenate(parts)
+
+
 def _require_overlap(points: FloatArray, tof: FloatArray, margin_mm: float) -> None:
     if len(points) and len(tof):
         near, _ = cKDTree(tof[:, :2]).query(points[:, :2], distance_upper_bound=margin_mm)
@@ -192,16 +202,16 @@ def _span(points: FloatArray) -> str:
     return f"x {low[0]:.0f} to {high[0]:.0f}, y {low[1]:.0f} to {high[1]:.0f} mm"
 
 
-def _flat(points: FloatArray, margin_mm: float, flat_mm: float) -> BoolArray:
+def _flat(points: FloatArray, margin_mm: float, flat_mm: float, cell_mm: float) -> BoolArray:
     """Whether the cells around each point, at most one point to a cell, are there and of one height."""
-    low, shape = extent(points, _CELL_MM)
-    heights = cell_means(points, _CELL_MM, low, shape)[..., 2]
+    low, shape = extent(points, cell_mm)
+    heights = cell_means(points, cell_mm, low, shape)[..., 2]
     found = np.isfinite(heights)
-    size = 2 * int(np.ceil(margin_mm / _CELL_MM)) + 1
+    size = 2 * int(np.ceil(margin_mm / cell_mm)) + 1
     highest = maximum_filter(np.where(found, heights, -np.inf), size, mode="nearest")
     lowest = minimum_filter(np.where(found, heights, np.inf), size, mode="nearest")
     full = uniform_filter(found.astype(np.float64), size, mode="constant") >= _FULL
-    index = np.floor((points[:, :2] - low) / _CELL_MM).astype(np.int64)
+    index = np.floor((points[:, :2] - low) / cell_mm).astype(np.int64)
     cell = (index[:, 0], index[:, 1])
     return np.asarray(full[cell] & (highest[cell] - lowest[cell] <= flat_mm))
 

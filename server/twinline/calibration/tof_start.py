@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.ndimage import median_filter
 
-from twinline.arrays import FloatArray
+from twinline.arrays import FloatArray, IntArray
 from twinline.calibration.joint_model import Scanner, TofPoints, TofState, tof_points
 from twinline.calibration.observations import TofReadings
 from twinline.errors import CalibrationError
@@ -29,6 +29,8 @@ _BIN_MM = 0.1
 _MOST_POINTS = 4000
 _LONGEST_LAG_S = 0.08
 _LAGS = 9
+_GROUP_MM = 20.0
+_FEWEST_IN_GROUP = 20
 
 
 @dataclass(frozen=True, eq=False)
@@ -220,7 +222,7 @@ def _require_overlap(points: FloatArray, surface: HeightMap) -> None:
     )
 
 
-def _interesting(points: FloatArray, surface: HeightMap) -> np.ndarray[tuple[int], np.dtype[np.int64]]:
+def _interesting(points: FloatArray, surface: HeightMap) -> IntArray:
     """Readings on or around objects: elsewhere every shift looks alike."""
     high = np.zeros(len(points), bool)
     for dx in (-REACH_MM, 0.0, REACH_MM):
@@ -231,3 +233,26 @@ def _interesting(points: FloatArray, surface: HeightMap) -> np.ndarray[tuple[int
         high |= points[:, 2] > _RAISED_MM
     rows = np.flatnonzero(high)
     return rows[:: max(1, len(rows) // _MOST_POINTS)]
+
+
+def tof_bed_groups(tof: TofPoints, points: FloatArray, rows: IntArray) -> TofPoints:
+    """Readings on the bed averaged over squares of it.
+
+    Parameters
+    ----------
+    points : (n, 3) array
+        Where they lie, in the bed frame.
+    rows : (k,) int array
+        Which of them are on the bed.
+    """
+    if not len(rows):
+        return tof.take(rows)
+    cell = np.floor(points[rows, :2] / _GROUP_MM).astype(np.int64)
+    _, group, counts = np.unique(cell, axis=0, return_inverse=True, return_counts=True)
+    group = group.ravel()
+    kept = counts >= _FEWEST_IN_GROUP
+
+    def mean(values: FloatArray) -> FloatArray:
+        return (np.bincount(group, weights=values[rows], minlength=len(counts)) / counts)[kept]
+
+    return TofPoints(mean(tof.cart_mm), mean(tof.slide_mm), mean(tof.reading), mean(tof.change), mean(tof.step_s))

@@ -9,7 +9,7 @@ from twinline.arrays import BoolArray
 from twinline.calibration.board import Board
 from twinline.calibration.intrinsics import IntrinsicsResult, calibrate_intrinsics
 from twinline.calibration.joint_types import KnownPoints
-from twinline.calibration.observations import TofReadings
+from twinline.calibration.observations import TofReadings, median_of_repeats
 from twinline.calibration.scanner import (
     PARTS,
     ScannerData,
@@ -18,7 +18,8 @@ from twinline.calibration.scanner import (
     calibrate_scanner,
     scanner_of_rig,
 )
-from twinline.calibration.scanner_evidence import ScannerEvidence, gather_evidence
+from twinline.calibration.scanner_account import gather_evidence
+from twinline.calibration.scanner_evidence import ScannerEvidence
 from twinline.calibration.scanner_rig import make_rig
 from twinline.calibration.travel import TravelResult, calibrate_travel
 from twinline.calibration.views import BoardView, compare_views, inspect_view
@@ -110,14 +111,37 @@ def calibrate_capture(
         A part of the folder cannot be used.
     """
     collected = collect(capture, options, report=report)
+    return finish(capture, collected, *adjust_collected(collected))
+
+
+def adjust_collected(collected: Collected) -> tuple[ScannerResult, ScannerEvidence]:
+    """Adjust the scanner to what was collected, and account for it, whatever the verdict.
+
+    Raises
+    ------
+    CalibrationError
+        The observations determine nothing, or contradict each other; says what to do.
+    """
+    result = calibrate_scanner(collected.data)
+    return result, gather_evidence(collected.data, result, scanner_of_rig(collected.data.base))
+
+
+def finish(capture: Capture, collected: Collected, result: ScannerResult, evidence: ScannerEvidence) -> Calibration:
+    """Make the rig of an adjusted scanner, with the noise of its pixels.
+
+    Raises
+    ------
+    CalibrationError
+        ``calibration-refused`` if that is the verdict; it holds the reasons.
+    """
     data, stripes, base = collected.data, collected.stripes, collected.data.base
-    result = calibrate_scanner(data)
-    evidence = gather_evidence(data, result, scanner_of_rig(base))
     if evidence.verdict == "refused":
         raise CalibrationError(" ".join(evidence.reasons), code="calibration-refused")
     noise = base.noise
     if stripes is not None and result.seen:
-        on_bed: BoolArray = np.stack([s.on_bed for s in result.seen])
+        on_bed: BoolArray = np.zeros(stripes.centre_px.shape, bool)
+        for k, seen in enumerate(result.seen):
+            on_bed[k, stripes.lit[k]] = seen.on_bed
         noise = bed_noise(capture, stripes, on_bed) if on_bed.any() else stripes.noise
     rig = make_rig(base, result.scanner, result.covariance, _sources(data, result), noise)
     rig = replace(rig, evidence={"calibration": {"method": "joint", **evidence.to_json()}})
@@ -233,9 +257,11 @@ def _surface(capture: Capture, data: ScannerData, report: Report) -> tuple[Scann
     if capture.laser is not None:
         stripes = read_stripes(capture, report=lambda done, total: report("frames", done, total))
         tables = tuple(
-            StripeTable(stripes.centre_px[k], stripes.sd_px[k], stripes.cart_mm) for k in range(len(stripes.centre_px))
+            # Where the lasers alternate, a frame without this one is no gap in its stripe.
+            StripeTable(stripes.centre_px[k][lit], stripes.sd_px[k][lit], stripes.cart_mm[lit])
+            for k, lit in enumerate(stripes.lit)
         )
-        data = replace(data, stripes=tables)
+        data = replace(data, stripes=tables, saturated_share=stripes.saturated_share)
         if len(stripes.cart_mm) < 2 or np.ptp(stripes.cart_mm) <= 0:
             raise CalibrationError(
                 f"All {len(stripes.cart_mm)} frames of {capture.path / 'laser'} have the same cart_mm, so the pass "
@@ -251,7 +277,7 @@ def _surface(capture: Capture, data: ScannerData, report: Report) -> tuple[Scann
                 code="no-overlap",
             )
         readings = TofReadings(samples.time_s, samples.cart_mm, samples.slide_mm, samples.reading)
-        data = replace(data, tof=readings)
+        data = replace(data, tof=median_of_repeats(readings))
     camera = data.camera.camera if data.camera is not None else data.base.camera
     known: list[KnownPoints] = []
     if capture.sheets():

@@ -23,6 +23,7 @@ Report = Callable[[int, int], None]
 
 _SAMPLED_FRAMES = 9
 _MOST_FRAMES = 1200
+_SATURATED = int(Flag.SATURATED)
 _UNWANTED = int(Flag.POOR_FIT | Flag.BROKEN | Flag.WIDE | Flag.NARROW | Flag.NEAR_EDGE)
 
 
@@ -45,6 +46,8 @@ class PassStripes:
         Frames that could not be used, with the reason.
     rejected_share
         Share of the found stripes that were left out for their shape.
+    saturated_share
+        For each laser the share of its stripes whose light is cut off at the top of the scale.
     """
 
     cart_mm: FloatArray
@@ -58,6 +61,7 @@ class PassStripes:
     off: ByteArray | None
     problems: tuple[str, ...]
     rejected_share: float
+    saturated_share: tuple[float, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -158,7 +162,7 @@ def _read_all(
     values = np.full((3, lasers, len(frames), lanes), np.nan, np.float32)
     lit = np.ones((lasers, len(frames)), bool)
     problems: list[str] = []
-    found = rejected = 0
+    found, rejected, saturated = np.zeros(lasers), 0, np.zeros(lasers)
     for place, frame in enumerate(frames.read()):
         on = frame.entry.lasers
         lit[:, place] = [on is None or k + 1 in on for k in range(lasers)]
@@ -168,11 +172,17 @@ def _read_all(
             lit[:, place] = False
         else:
             shapely = profile.found & ((profile.flags & _UNWANTED) == 0)
-            found += int(profile.found.sum())
+            found += profile.found.sum(axis=1)
             rejected += int((profile.found & ~shapely).sum())
+            saturated += (profile.found & ((profile.flags & _SATURATED) != 0)).sum(axis=1)
             for row, name in enumerate((profile.centre_px, profile.sd_px, profile.amplitude_dn)):
                 values[row, :, place] = np.where(shapely & lit[:, place, None], name, np.nan)
         report(place + 1, len(frames))
+    if not np.isfinite(values[0]).any() and saturated.sum() > 0.5 * found.sum():
+        raise StripeError(
+            f"The stripes in {frames.source} are saturated and too wide to measure: shorten the exposure or dim the "
+            "lasers until their middle is just below white, and record the pass again."
+        )
     if not np.isfinite(values[0]).any():
         raise StripeError(
             f"None of the {len(frames)} frames in {frames.source} shows a laser stripe: check that the lasers were on "
@@ -183,7 +193,7 @@ def _read_all(
     carts = np.array([f.cart_mm for f in frames.frames])[order]
     return PassStripes(
         carts, values[0], values[1], values[2], lit[:, order], noise, light.settings, bands, light.off, tuple(problems),
-        rejected / max(found, 1),
+        rejected / max(found.sum(), 1), tuple((saturated / np.maximum(found, 1)).tolist()),
     )  # fmt: skip
 
 

@@ -5,7 +5,7 @@ import pytest
 
 from twinline.arrays import BoolArray, FloatArray
 from twinline.calibration.bed_line import bed_groups, find_bed_line
-from twinline.calibration.observations import clean_stripes, stripe_points
+from twinline.calibration.observations import TofReadings, clean_stripes, median_of_repeats, stripe_points
 from twinline.geometry.sheet import Side
 
 FRAMES, LANES = 120, 640
@@ -79,3 +79,35 @@ def test_groups_of_the_bed_hold_the_mean_of_their_stripes() -> None:
     lane = groups.pixels[:, 0]
     expected = 440.0 - 0.01 * lane + 2e-5 * (lane - 300) ** 2
     np.testing.assert_allclose(groups.pixels[:, 1], expected, atol=0.03)
+
+
+class TestMedianOfRepeats:
+    def readings(self, values: list[list[float]]) -> TofReadings:
+        """Stays at slide 0, 1, 2, ... of the sensor."""
+        slide = np.concatenate([np.full(len(stay), float(k)) for k, stay in enumerate(values)])
+        reading = np.concatenate([np.array(stay) for stay in values])
+        return TofReadings(0.1 * np.arange(len(reading)), np.full(len(reading), 7.0), slide, reading)
+
+    def test_a_stay_becomes_the_median_of_its_valid_readings(self) -> None:
+        nan = float("nan")
+        found = median_of_repeats(self.readings([[43.0, 231.0, 230.0], [nan, 229.0, nan], [nan, nan, nan]]))
+        np.testing.assert_array_equal(found.reading, [230.0, 229.0, nan])
+        np.testing.assert_array_equal(found.slide_mm, [0.0, 1.0, 2.0])
+        np.testing.assert_array_equal(found.cart_mm, [7.0, 7.0, 7.0])
+        np.testing.assert_allclose(found.time_s, [0.1, 0.4, 0.7])
+
+    def test_coming_back_to_a_place_is_another_stay(self) -> None:
+        readings = self.readings([[1.0] * 3, [2.0] * 3])
+        there_and_back = TofReadings(
+            np.arange(9.0),
+            np.zeros(9),
+            np.repeat([0.0, 1.0, 0.0], 3),
+            np.concatenate([readings.reading, np.full(3, 5.0)]),
+        )
+        np.testing.assert_array_equal(median_of_repeats(there_and_back).reading, [1.0, 2.0, 5.0])
+
+    def test_readings_in_motion_stay_as_they_are(self) -> None:
+        moving = self.readings([[1.0], [2.0], [3.0, 3.1], [4.0]])
+        assert median_of_repeats(moving) is moving
+        empty = self.readings([[1.0]])
+        assert len(median_of_repeats(empty)) == 1

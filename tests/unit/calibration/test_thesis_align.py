@@ -147,3 +147,14 @@ class TestSurface:
         surface = Surface.of_points(points, 1.0)
         assert np.isnan(surface.at(np.array([0.0, 3.0, 80.0, -80.0]), np.zeros(4))).all()
         assert np.isfinite(surface.at(np.array([6.0]), np.zeros(1))).all()
+
+
+def test_a_large_tilted_bed_does_not_drown_what_one_object_says() -> None:
+    """Sheets of two parameters leave clouds that are tilted against each other by a millimetre and more."""
+    half = (120.0, 100.0)
+    first = noisy(cloud(dome, half=half, offset=0.1), 0.05, seed=4) - [1.5, 0.0, 0.0]
+    first[:, 2] += 0.02 * first[:, 1]
+    result = align_lasers(first, noisy(cloud(dome, half=half), 0.05))
+    assert result.shift_mm == pytest.approx(1.5, abs=0.1)
+    assert result.places < 0.1 * 4 * half[0] * half[1]
+    assert result.determined

@@ -104,3 +104,20 @@ def test_what_either_sensor_finds_uneven_is_no_flat_place(heights: tuple[Height,
     with pytest.raises(CalibrationError, match="scan a flat-topped object") as caught:
         pick_points(rig(), 0, part, points)
     assert caught.value.code == "too-few-points"
+
+
+def test_a_large_bare_bed_does_not_take_the_places_of_the_objects() -> None:
+    machine = Machine()
+    far = np.arange(-900.0, 900.0, 0.83)
+    part = stripes(machine, 0, height=prism, cart_mm=far)
+    picks = pick_points(rig(), 0, part, tof_cloud(rig(), raster(machine, height=prism)))
+    assert (picks.depth_mm < HEIGHT_MM - 10.0).sum() == 20
+
+
+def test_frames_far_apart_need_wider_cells() -> None:
+    machine = Machine()
+    part = stripes(machine, 0, height=prism, cart_mm=np.arange(-112.0, 112.0, 2.0))
+    readings = tof_cloud(rig(), raster(machine, height=prism))
+    with pytest.raises(CalibrationError, match="share 0 flat places"):
+        pick_points(rig(), 0, part, readings)
+    assert len(pick_points(rig(), 0, part, readings, cell_mm=2.6)) == 40

@@ -5,7 +5,7 @@ import pytest
 
 from tests.unit.calibration.scanner_samples import crooked_rig
 from twinline.arrays import FloatArray
-from twinline.calibration.joint_model import Scanner
+from twinline.calibration.joint_model import Scanner, tof_points
 from twinline.calibration.observations import TofReadings
 from twinline.calibration.scanner import scanner_of_rig
 from twinline.calibration.tof_start import (
@@ -15,6 +15,7 @@ from twinline.calibration.tof_start import (
     follow_on,
     height_map,
     start_tof,
+    tof_bed_groups,
     without_spikes,
 )
 from twinline.errors import CalibrationError
@@ -118,3 +119,15 @@ def test_readings_follow_on_only_within_a_sweep_and_without_gaps() -> None:
     points = follow_on(readings)
     np.testing.assert_array_equal(points.reading, [101.0, 107.0])
     np.testing.assert_array_equal(points.change, [1.0, 2.0])
+
+
+def test_readings_on_the_bed_are_averaged_over_squares_of_it(scanner: Scanner) -> None:
+    tof = follow_on(raster(scanner))
+    points = tof_points(scanner, tof) @ scanner.axes().T + np.array([0.0, 0.0, scanner.height_mm()])
+    on_bed = np.flatnonzero(np.abs(points[:, 2]) < 0.3)
+    groups = tof_bed_groups(tof, points, on_bed)
+    assert 10 < len(groups) < len(on_bed) / 20
+    means = tof_points(scanner, groups) @ scanner.axes().T + np.array([0.0, 0.0, scanner.height_mm()])
+    # What the counts round off averages out.
+    assert np.abs(means[:, 2]).max() < 0.005
+    assert not len(tof_bed_groups(tof, points, on_bed[:0]))
