@@ -58,7 +58,7 @@ class Ratio:
 
 @dataclass(frozen=True)
 class Figure:
-    """One line of the report; ``unit`` is that of ``value``: us, ms, s or MB."""
+    """One line of the report; ``unit`` is that of ``value``: us, ms, s, MB or mm."""
 
     name: str
     value: Quartiles

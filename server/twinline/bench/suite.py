@@ -6,12 +6,14 @@ from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 
+from twinline.bench.calibration import joint_adjustment
 from twinline.bench.exports import write_clouds
 from twinline.bench.extraction import colour_in_place, gray_from_memory, gray_in_cache, usual_ways
 from twinline.bench.figures import Report, Section
 from twinline.bench.frames import jpeg_to_points
 from twinline.bench.growth import memory, time_per_frame
 from twinline.bench.machine import this_machine
+from twinline.bench.recording import record_fast, record_passes
 from twinline.bench.start import start_up
 from twinline.bench.turns import one_core
 
@@ -31,6 +33,8 @@ class Sizes:
         Frames in a share.
     scan_frames, memory_frames
         Lengths of scans to time, and to weigh.
+    recording_s, fast_recording_s
+        Lengths of the passes that are recorded, in real time.
     """
 
     frame: tuple[int, int] = (1280, 720)
@@ -45,6 +49,12 @@ class Sizes:
     memory_frames: tuple[int, int] = (500, 5000)
     points: int = 1_000_000
     export_rounds: int = 9
+    adjustment_rounds: int = 9
+    adjusted_observations: int = 12_000
+    simplex_evaluations: int = 10_000
+    recording_rounds: int = 3
+    recording_s: float = 8.0
+    fast_recording_s: float = 20.0
     start_rounds: int = 7
 
 
@@ -81,6 +91,11 @@ def _sections(sizes: Sizes, folder: Path, tell: Tell) -> Iterator[Section]:
         "time per frame": lambda: time_per_frame(sizes.scan_rounds, small, sizes.scan_frames, folder / "time"),
         "memory": lambda: memory(small, sizes.memory_frames, folder / "memory"),
         "exports": lambda: write_clouds(sizes.export_rounds, sizes.points, folder / "exports"),
+        "joint adjustment": lambda: joint_adjustment(
+            sizes.adjustment_rounds, sizes.adjusted_observations, sizes.simplex_evaluations
+        ),
+        "recording": lambda: record_passes(sizes.recording_rounds, frame, sizes.recording_s, folder / "recording"),
+        "recording, fast": lambda: record_fast(frame, sizes.fast_recording_s, folder / "fast"),
         "start-up": lambda: start_up(sizes.start_rounds),
     }
     for done, (name, measure) in enumerate(parts.items()):

@@ -28,6 +28,12 @@ TINY = Sizes(
     memory_frames=(4, 8),
     points=1000,
     export_rounds=2,
+    adjustment_rounds=2,
+    adjusted_observations=3000,
+    simplex_evaluations=200,
+    recording_rounds=2,
+    recording_s=0.2,
+    fast_recording_s=0.2,
     start_rounds=1,
 )
 HAS_PROC = Path("/proc/self/status").is_file()
@@ -41,6 +47,9 @@ KEYS = [
     "time-per-frame",
     *(["memory"] if HAS_PROC else []),
     "exports",
+    "joint-adjustment",
+    "recording",
+    "recording-fast",
     "start-up",
 ]
 
@@ -71,7 +80,9 @@ class TestRun:
             assert {ratio.against for ratio in ratios} == set(PASSES)
             assert [ratio.must is not None for ratio in ratios] == [True, False, False]
 
-    @pytest.mark.parametrize(("key", "promises"), [("jpeg-gray", 1), ("jpeg-colour", 1), ("time-per-frame", 1)])
+    @pytest.mark.parametrize(
+        ("key", "promises"), [("jpeg-gray", 1), ("jpeg-colour", 1), ("time-per-frame", 1), ("joint-adjustment", 1)]
+    )
     def test_what_was_promised_is_judged(self, report: Report, key: str, promises: int) -> None:
         section = next(section for section in report.sections if section.key == key)
         judged = [r for figure in section.figures for r in figure.ratios if r.verdict]
@@ -92,8 +103,8 @@ class TestRun:
         self, report: Report, told: list[tuple[str, int, int]]
     ) -> None:
         assert report.sections
-        assert [done for _, done, _ in told] == list(range(11))
-        assert {total for _, _, total in told} == {10}
+        assert [done for _, done, _ in told] == list(range(14))
+        assert {total for _, _, total in told} == {13}
 
     def test_the_results_can_be_printed_and_name_no_host(self, report: Report) -> None:
         document = json.loads(to_json(report))
