@@ -34,6 +34,7 @@ from twinline.devices.serial.protocol_gen import (
     Latch,
     Verb,
 )
+from twinline.devices.serial.requests import Requests
 from twinline.devices.serial.streams import Connect
 from twinline.devices.subscription import Broadcast
 from twinline.errors import DeviceError, LinkError, RefusedError, TwinlineError
@@ -113,7 +114,10 @@ class SerialBoard:
 
     async def status(self) -> BoardStatus:
         """Ask the board how it is; see `Board`."""
-        reply = await self._link.requests.ask(Verb.STATUS)
+        return await self._status(self._link.requests)
+
+    async def _status(self, requests: Requests) -> BoardStatus:
+        reply = await requests.ask(Verb.STATUS)
         t_us, cart, slide, adc, flags, latch = (int(word) for word in reply.words[:6])
         board_s = self._link.time.unwrap_s(t_us, reply.received_s)
         return BoardStatus(
@@ -205,7 +209,7 @@ class SerialBoard:
 
     # ------------------------------------------------------------------------------------------------------------ link
 
-    async def link_up(self, hello: Hello) -> None:
+    async def link_up(self, hello: Hello, requests: Requests) -> None:
         """Tell the board its bounds and what it may have forgotten."""
         self._info = BoardInfo(
             name=hello.board,
@@ -217,13 +221,12 @@ class SerialBoard:
             has_adc=True,
             max_telemetry_hz=TELEMETRY_MAX_HZ,
         )
-        requests = self._link.requests
         for axis in AXES:
             drive = self._drives[axis]
             low, high = ceil(drive.low_mm / drive.mm_per_step), floor(drive.high_mm / drive.mm_per_step)
             await requests.ask(Verb.BOUNDS, _NUMBERS[axis], low, high)
             await requests.ask(Verb.SPEED, *self._speed_words(axis, drive.max_speed_mm_s / 2.0))
-        status = await self.status()
+        status = await self._status(requests)
         if status.latch is Latch.HEARTBEAT:
             # That an earlier connection broke off is no reason to refuse the next one.
             await requests.ask(Verb.RESET)

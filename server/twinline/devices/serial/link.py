@@ -73,8 +73,8 @@ class Hello:
 class LinkUser(Protocol):
     """Who is told what comes over a link."""
 
-    async def link_up(self, hello: Hello) -> None:
-        """Connected and agreed; commands are possible now and nobody else gives any yet. May raise to refuse."""
+    async def link_up(self, hello: Hello, requests: Requests) -> None:
+        """Connected and agreed; nobody else can give commands yet. May raise to refuse."""
         ...
 
     def link_ready(self) -> None:
@@ -224,14 +224,10 @@ class BoardLink:
 
     async def _live(self, requests: Requests, first: "asyncio.Future[None]") -> None:
         hello = await self._handshake(requests)
+        await self._user.link_up(hello, requests)
+        # Armed only now: on a slow machine what is told before may take longer than the deadline.
+        await self._beat(requests)
         self._requests = requests
-        try:
-            await self._user.link_up(hello)
-            # Armed only now: on a slow machine what is told before may take longer than the deadline.
-            await self._beat(requests)
-        except BaseException:
-            self._requests = None
-            raise
         self._go(LinkState.UP)
         self._heard_s = asyncio.get_running_loop().time()
         self._user.link_ready()
