@@ -219,7 +219,8 @@ class TestBadInput:
         off = (capture / "laser" / "off.jpg").read_bytes()
         for number, path in enumerate(frames):
             path.write_bytes(pictures[number] if number % 2 else off)
-        assert self.check(capture, "goes on smoothly", "sheets").code == "no-stripe"
+        # By chance some of the pieces fit together; then the contradictions refuse it.
+        assert self.check(capture, "No stripe of", "sheets").code in ("no-stripe", "calibration-refused")
 
     def test_a_rig_of_another_camera_to_start_from(self, capture: Path, tmp_path: Path) -> None:
         write_rig(tmp_path / "other.json", open_capture(capture).rig())
