@@ -55,6 +55,9 @@ class PassHeader:
         Whatever else was set: camera controls, speeds, the board's description. JSON values only.
     adc_per_count
         What the telemetry's ``adc`` is divided by to give counts of the converter that ``capture.json`` describes.
+    adc_valid : (float, float) or None
+        The telemetry's ``adc`` outside these limits is no reading: the sensor saw nothing within its range. None where
+        no limits are known.
     share_places
         For parts that were made from a video: the frames at which a worker's share best begins.
     """
@@ -69,6 +72,7 @@ class PassHeader:
     settings: Mapping[str, object] = field(default_factory=dict)
     software_version: str = __version__
     adc_per_count: float = 1.0
+    adc_valid: tuple[float, float] | None = None
     share_places: Mapping[str, tuple[int, ...]] = field(default_factory=dict)
 
     def info(self, path: Path) -> CaptureInfo:
@@ -102,6 +106,7 @@ class PassHeader:
             "host_time_s": repr(float(self.host_time_s)),
             "software_version": self.software_version,
             "adc_per_count": repr(float(self.adc_per_count)),
+            "adc_valid": json.dumps(self.adc_valid),
             "share_places": json.dumps(self.share_places),
         }
 
@@ -133,6 +138,7 @@ def parse_header(path: Path, metadata: Mapping[str, str] | None, files: Mapping[
                 f"{path} has recording format {written}, and this version reads up to {FORMAT}; update Twinline."
             )
         places = json.loads(metadata["share_places"])
+        valid = json.loads(metadata.get("adc_valid", "null"))
         header = PassHeader(
             kind=next(kind for kind in _KINDS if kind == metadata["kind"]),
             capture=files[CAPTURE_FILE].decode(),
@@ -144,9 +150,10 @@ def parse_header(path: Path, metadata: Mapping[str, str] | None, files: Mapping[
             settings=json.loads(files.get(SETTINGS_FILE, b"{}")),
             software_version=metadata["software_version"],
             adc_per_count=float(metadata["adc_per_count"]),
+            adc_valid=None if valid is None else (float(valid[0]), float(valid[1])),
             share_places={str(part): tuple(int(i) for i in row) for part, row in places.items()},
         )
-    except (KeyError, ValueError, AttributeError, TypeError, StopIteration) as error:
+    except (LookupError, ValueError, AttributeError, TypeError, StopIteration) as error:
         raise CaptureError(f"{path} is damaged at its beginning ({error}); nothing of it can be used.") from error
     if not (math.isfinite(header.host_time_s) and header.adc_per_count > 0 and header.started_at.tzinfo):
         raise CaptureError(f"{path} is damaged at its beginning; nothing of it can be used.")

@@ -38,7 +38,8 @@ def recorded_readings(recordings: Sequence[Recording]) -> TofTable | None:
         if recording.tof:
             rows = np.array([(r.time_s, r.cart_mm, r.slide_mm, r.reading) for r in recording.tof if r.unit == unit]).T
         elif recording.header.kind == "tof" and unit == "adc" and len(recording.telemetry):
-            rows = np.concatenate(list(_legs(recording.telemetry)), axis=1)
+            legs = [_without_invalid(leg, recording.header.adc_valid) for leg in _legs(recording.telemetry)]
+            rows = np.concatenate(legs, axis=1)
             rows[3] /= recording.header.adc_per_count
         else:
             continue
@@ -48,6 +49,18 @@ def recorded_readings(recordings: Sequence[Recording]) -> TofTable | None:
     time_s, cart_mm, slide_mm, reading = np.concatenate(parts, axis=1)
     order = np.argsort(time_s, kind="stable")
     return TofTable(time_s[order], cart_mm[order], slide_mm[order], reading[order], unit)
+
+
+def _without_invalid(rows: FloatArray, valid: tuple[float, float] | None) -> FloatArray:
+    """Make NaN what is no reading, and its neighbours: each is a mean over the time since the one before."""
+    if valid is None:
+        return rows
+    invalid = ~((rows[3] >= valid[0]) & (rows[3] <= valid[1]))
+    spoiled = invalid.copy()
+    spoiled[1:] |= invalid[:-1]
+    spoiled[:-1] |= invalid[1:]
+    rows[3, spoiled] = np.nan
+    return rows
 
 
 def _legs(table: TelemetryTable) -> Iterator[FloatArray]:

@@ -50,7 +50,7 @@ class TestWriting:
         assert (recording.links[0].state, recording.notes[0].text) == ("down", "4 ms")
 
     def test_the_head_says_what_was_set(self, path: Path) -> None:
-        given = header(settings={"exposure_ms": 4.0}, leg=2, adc_per_count=16.0, rig="{}")
+        given = header(settings={"exposure_ms": 4.0}, leg=2, adc_per_count=16.0, adc_valid=(1.5, 99.0), rig="{}")
         PassWriter(path, given).close()
         back = open_recording(path).header
         assert vars(back) == vars(given)

@@ -137,6 +137,17 @@ class TestTof:
         np.testing.assert_allclose(samples.time_s, START_S + 0.01 * np.arange(8))
         np.testing.assert_allclose(samples.distance_mm, 60 + 80 * samples.reading / 4095)
 
+    def test_samples_outside_the_converter_s_limits_and_their_neighbours_are_no_readings(self, tmp_path: Path) -> None:
+        path = tmp_path / "tof.mcap"
+        with PassWriter(path, header("tof", adc_valid=(900.0, 1100.0))) as writer:
+            for number in range(8):
+                adc = {3: 1200, 7: 800}.get(number, 1000)
+                writer.telemetry(line(number, adc=adc, host_time_s=START_S + 0.01 * number))
+        samples = open_capture(path).tof()
+        assert samples is not None
+        # A reading is a mean since the one before: part of a neighbour may be wrong too.
+        assert np.isnan(samples.reading).tolist() == [False, False, True, True, True, False, True, True]
+
     def test_earlier_samples_lie_between_the_lines(self, tmp_path: Path) -> None:
         path = tmp_path / "tof.mcap"
         with PassWriter(path, header("tof")) as writer:
