@@ -14,7 +14,7 @@ from twinline.devices.simulator.axis import Mechanics
 from twinline.devices.simulator.board_ports import PtyPort, TcpPort
 from twinline.devices.simulator.cable import InProcessCable
 from twinline.devices.simulator.simulated_board import MachineSettings, SimulatedBoard
-from twinline.devices.simulator.virtual_time import VirtualTimeLoop
+from twinline.devices.virtual_time import VirtualTimeLoop
 
 # The slide begins near its switch, so that homing is quick where time is real.
 SLIDE = Mechanics(0.005, switches_mm=(0.0, 210.0), stops_mm=(-6.0, 216.0), start_mm=1.0)

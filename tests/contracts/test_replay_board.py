@@ -16,7 +16,7 @@ from twinline.devices.replay.playback import Playback
 from twinline.devices.serial.driver import SerialBoard
 from twinline.devices.simulator.cable import InProcessCable
 from twinline.devices.simulator.simulated_board import SimulatedBoard
-from twinline.devices.simulator.virtual_time import VirtualTimeLoop, run_virtual
+from twinline.devices.virtual_time import VirtualTimeLoop, run_virtual
 from twinline.recording.pass_header import PassKind
 from twinline.recording.pass_reader import Recording, open_recording
 from twinline.recording.pass_writer import PassWriter

@@ -10,7 +10,7 @@ from twinline.devices.simulator.axis import Mechanics
 from twinline.devices.simulator.cable import InProcessCable
 from twinline.devices.simulator.faults import Faults
 from twinline.devices.simulator.simulated_board import MachineSettings, SimulatedBoard
-from twinline.devices.simulator.virtual_time import run_virtual
+from twinline.devices.virtual_time import run_virtual
 from twinline.errors import TwinlineError
 
 FAULT_AFTER_S = 1.0

@@ -11,7 +11,7 @@ from twinline.devices.board import DEFAULT_CART, LaserPass, Telemetry
 from twinline.devices.serial.driver import SerialBoard
 from twinline.devices.simulator.cable import InProcessCable
 from twinline.devices.simulator.simulated_board import MachineSettings, SimulatedBoard
-from twinline.devices.simulator.virtual_time import run_virtual
+from twinline.devices.virtual_time import run_virtual
 from twinline.recording.capture import open_capture
 from twinline.recording.pass_writer import PassWriter
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from twinline.devices.camera import CameraFrame, CameraInfo, CameraState, CameraStatus, Control, Encoding
 from twinline.devices.replay.playback import Playback
-from twinline.devices.simulator.virtual_time import hold
+from twinline.devices.virtual_time import hold
 from twinline.errors import CameraError, ControlError, DeviceError, FrameError, TransitionError
 from twinline.recording.images import read_image
 from twinline.recording.pass_rows import RecordedFrame

@@ -21,8 +21,8 @@ from twinline.devices.camera import (
 from twinline.devices.cameras.frame_queue import FrameQueue
 from twinline.devices.simulator.machine_state import MachineState
 from twinline.devices.simulator.sensor import Exposure
-from twinline.devices.simulator.virtual_time import hold
 from twinline.devices.simulator.workspace import Workspace
+from twinline.devices.virtual_time import hold
 from twinline.errors import CameraError, ControlError, SettingsError, TransitionError
 
 BASE_EXPOSURE_MS = 8.0

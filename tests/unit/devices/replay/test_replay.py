@@ -35,7 +35,7 @@ from twinline.devices.replay.descriptions import board_info, board_settings
 from twinline.devices.replay.machine import machine_for
 from twinline.devices.replay.playback import Playback, open_playback
 from twinline.devices.serial.protocol_gen import Flag
-from twinline.devices.simulator.virtual_time import run_virtual
+from twinline.devices.virtual_time import run_virtual
 from twinline.errors import CaptureError, MotionError, RefusedError
 from twinline.recording.capture import open_capture
 from twinline.recording.pass_reader import open_recording

@@ -18,7 +18,7 @@ from twinline.devices.simulator.axis import Mechanics
 from twinline.devices.simulator.cable import InProcessCable
 from twinline.devices.simulator.faults import Faults
 from twinline.devices.simulator.simulated_board import MachineSettings, SimulatedBoard
-from twinline.devices.simulator.virtual_time import VirtualTimeLoop
+from twinline.devices.virtual_time import VirtualTimeLoop
 from twinline.errors import DeviceError, DeviceTimeoutError, LinkError, MotionError, RefusedError
 
 STEP_MM = 0.10053

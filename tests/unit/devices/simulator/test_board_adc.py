@@ -11,7 +11,7 @@ from twinline.devices.serial.driver import SerialBoard
 from twinline.devices.serial.protocol_gen import ADC_FULL_SCALE, Flag
 from twinline.devices.simulator.cable import InProcessCable
 from twinline.devices.simulator.simulated_board import SimulatedBoard
-from twinline.devices.simulator.virtual_time import VirtualTimeLoop
+from twinline.devices.virtual_time import VirtualTimeLoop
 
 
 @pytest.fixture

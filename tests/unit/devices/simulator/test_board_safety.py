@@ -13,7 +13,7 @@ from twinline.devices.serial.protocol_gen import ErrorCode, EventKind, Flag, Lat
 from twinline.devices.simulator.faults import Faults
 from twinline.devices.simulator.machine_state import MachineState
 from twinline.devices.simulator.simulated_board import SimulatedBoard
-from twinline.devices.simulator.virtual_time import run_virtual
+from twinline.devices.virtual_time import run_virtual
 
 LIT = Flag.LASER_1 | Flag.LASER_2
 REQUESTS = st.sampled_from(

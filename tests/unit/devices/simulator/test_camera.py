@@ -16,9 +16,9 @@ from twinline.devices.simulator.camera import CameraFaults, SimulatedCamera
 from twinline.devices.simulator.machine import SimulatedRig, ideal_rig
 from twinline.devices.simulator.renderer import RoomLight
 from twinline.devices.simulator.scenes import Scene
-from twinline.devices.simulator.virtual_time import run_virtual
 from twinline.devices.simulator.workspace import Workspace
 from twinline.devices.simulator.world import Material
+from twinline.devices.virtual_time import run_virtual
 from twinline.errors import CameraError, ControlError, SettingsError, TransitionError
 
 SIZE = (160, 300)

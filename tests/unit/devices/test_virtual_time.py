@@ -5,7 +5,7 @@ import threading
 
 import pytest
 
-from twinline.devices.simulator.virtual_time import START_S, VirtualTimeLoop, hold, run_virtual
+from twinline.devices.virtual_time import START_S, VirtualTimeLoop, hold, run_virtual
 
 
 def test_hours_pass_at_once_and_in_order() -> None:
