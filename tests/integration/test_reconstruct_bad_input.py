@@ -264,7 +264,9 @@ def test_a_laser_off_picture_of_another_size(capture: Path, results: Path) -> No
 
 
 def test_a_file_instead_of_a_folder(capture: Path, results: Path) -> None:
-    refused(capture / "laser" / NAMES[0], results, str(capture / "laser" / NAMES[0]), "not a folder")
+    refused(
+        capture / "laser" / NAMES[0], results, str(capture / "laser" / NAMES[0]), "neither a recording nor a folder"
+    )
 
 
 class TestOutput:

@@ -38,7 +38,8 @@ def test_the_ply_holds_as_many_points_as_were_reported(capture: Path, tmp_path: 
     # x y z, colour, source, sigma, intensity.
     body = cloud.read_bytes().split(b"end_header\n", 1)[1]
     assert len(body) == summary["points"] * (3 * 4 + 3 + 1 + 2 * 4)
-    assert summary["points"] == summary["counts"]["laser1"] + summary["counts"]["laser2"]
+    sources = ("laser1", "laser2", "both lasers", "tof", "filled")
+    assert summary["points"] == sum(summary["counts"].get(name, 0) for name in sources)
     assert len(read_points(cloud)) == summary["points"]
     assert files_below(tmp_path) == {"cloud.ply"}
 

@@ -25,6 +25,7 @@ from twinline.reconstruction.result import (
     ReconstructionOptions,
     Report,
 )
+from twinline.reconstruction.spacing import pitch_mm
 from twinline.recording.capture import Capture
 from twinline.recording.frames import FrameSequence
 
@@ -47,7 +48,7 @@ def reconstruct(
     checkpoint: Checkpoint = _nothing,
     on_points: OnPoints = _nothing,
 ) -> Reconstruction:
-    """Points of a laser pass, in the bed frame.
+    """Points of a laser pass as each laser measured them, in the bed frame; `reconstruct_fused` makes one of them.
 
     Frames are decoded and processed in shares of some dozens; as many shares are under way as keep the executor busy,
     so memory does not grow with the length of the pass, the points themselves apart. The result does not depend on
@@ -135,11 +136,7 @@ _SOURCES = (("laser1", Source.LASER_1), ("laser2", Source.LASER_2))
 def _edge_limits(plan: Plan, frames: FrameSequence) -> EdgeLimits:
     """Limits of the edge filter from the pitch and the image scale at the bed."""
     rig = plan.rig
-    carts = np.array([f.cart_mm for f in frames.frames])
-    steps = np.abs(np.diff(carts))
-    pitch = float(np.median(steps)) * float(np.linalg.norm(rig.travel)) if len(steps) else 0.0
-    if any(f.lasers is not None and len(f.lasers) == 1 for f in frames.frames) and len(plan.lasers) == 2:
-        pitch *= 2.0
+    pitch = pitch_mm(rig, frames, plan.lasers)
     depth = float(rig.bed_from_camera.translation_mm[2])
     focal = rig.camera.fy if rig.stripe_runs == "along-u" else rig.camera.fx
     baseline = min(abs(rig.sheets[k].baseline_mm) for k in plan.lasers)

@@ -2,8 +2,12 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from typing import Literal
 
+from twinline.calibration.thesis_align import LaserShift, TofAlignment
 from twinline.fusion.cloud import PointCloud
+from twinline.fusion.fuse import Agreement
+from twinline.fusion.holes import Holes
 from twinline.geometry.noise import NoiseModel
 from twinline.stripe.model import Channel, Method
 
@@ -17,6 +21,10 @@ OnPoints = Callable[[PointCloud], None]
 """Called with the points of each finished chunk, in frame order."""
 
 
+AlignmentMethod = Literal["none", "thesis"]
+ALIGNMENTS: tuple[AlignmentMethod, ...] = ("none", "thesis")
+
+
 @dataclass(frozen=True)
 class ReconstructionOptions:
     """Choices of a reconstruction.
@@ -26,17 +34,24 @@ class ReconstructionOptions:
     method
         Name of the stripe extraction method (`twinline.stripe.METHODS`).
     sources
-        Which lasers to use: any of "laser1", "laser2".
+        What to use: any of "laser1", "laser2"; for `reconstruct_fused` also "tof".
     every
         Use each n-th frame.
     channel
         Which light is measured (`twinline.stripe.CHANNELS`); "auto" chooses from a few frames of the pass.
+    alignment
+        Whether `reconstruct_fused` moves laser 1 and the ToF cloud before fusing, as the thesis does (4.3, 4.4); a
+        calibrated rig needs none of it.
+    fill
+        Whether `reconstruct_fused` closes small gaps with points of source 5.
     """
 
     method: Method = "maximum-likelihood"
     sources: frozenset[str] = frozenset({"laser1", "laser2"})
     every: int = 1
     channel: Channel = "auto"
+    alignment: AlignmentMethod = "none"
+    fill: bool = True
 
 
 NO_STRIPE = "no laser stripe"
@@ -49,6 +64,14 @@ class FrameProblem:
 
     frame: str
     reason: str
+
+
+@dataclass(frozen=True, eq=False)
+class Alignment:
+    """What the thesis's alignments did, with their traces; None for what was not aligned."""
+
+    laser_1: LaserShift | None = None
+    tof: TofAlignment | None = None
 
 
 @dataclass(frozen=True)
@@ -65,6 +88,12 @@ class Reconstruction:
         Points per source and rejected columns per reason.
     channel, noise
         The light that was measured, and the noise model of its pixels (the rig's, or estimated from the frames).
+    agreement
+        How the two lasers agree; None where they were not fused.
+    alignment
+        The alignments that were asked for.
+    holes
+        Where there are no points, and why; None where no laser was used.
     """
 
     cloud: PointCloud
@@ -77,3 +106,6 @@ class Reconstruction:
     elapsed_s: float = 0.0
     channel: Channel = "auto"
     noise: NoiseModel = field(default_factory=NoiseModel)
+    agreement: Agreement | None = None
+    alignment: Alignment = field(default_factory=Alignment)
+    holes: Holes | None = None
