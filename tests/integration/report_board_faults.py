@@ -1,15 +1,14 @@
-"""Writes the table of faults of board and cable: ``python -m tests.integration.report_board_faults``."""
+"""The table of faults of board and cable; ``python -m tests.integration.report_faults`` writes it."""
 
 from pathlib import Path
 
-from tests.integration.board_faults import FAULT_AFTER_S, FAULTS, Outcome, outcome
+from tests.integration.board_faults import FAULT_AFTER_S, FAULTS, Outcome
 
 FILE = Path(__file__).resolve().parents[2] / "server" / "FAULTS.md"
 HEAD = f"""\
-# Faults of the board and its cable
+## Faults of the board and its cable
 
-Written by `python -m tests.integration.report_board_faults` (do not edit by hand), from the same faults that
-`tests/integration/test_board_faults.py` lets happen: the simulated machine is in the middle of something,
+What the driver alone makes of them, with nobody to wait and to go on: the machine is in the middle of something,
 {FAULT_AFTER_S:g} s after its beginning, when the fault comes. *Dark after* is the time from then until no laser
 shone; in no case does anything hang, and in each the machine works again after the remedy.
 
@@ -34,11 +33,3 @@ def table(outcomes: list[Outcome]) -> str:
             f"| {fault.name} | {fault.during} | {happens} | {dark} | {seen.reads or '-'} | {fault.remedy or '-'} |\n"
         )
     return HEAD + "".join(rows)
-
-
-def main() -> None:
-    FILE.write_text(table([outcome(fault) for fault in FAULTS]), encoding="utf-8")
-
-
-if __name__ == "__main__":
-    main()

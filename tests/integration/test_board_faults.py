@@ -48,4 +48,4 @@ def test_the_user_reads_the_cause(fault: Fault, code: str, outcomes: list[Outcom
 
 
 def test_the_table_of_faults_is_up_to_date(outcomes: list[Outcome]) -> None:
-    assert FILE.read_text(encoding="utf-8") == table(outcomes), "run python -m tests.integration.report_board_faults"
+    assert table(outcomes) in FILE.read_text(encoding="utf-8"), "run python -m tests.integration.report_faults"
