@@ -59,7 +59,7 @@ def _serve(overrides: dict[str, Any]) -> None:
 
 @app.command()
 def stripes(
-    images: Annotated[list[Path], typer.Argument(help="Pictures with one or two laser stripes.")],
+    images: Annotated[list[Path], typer.Argument(help="Pictures with one or two laser stripes, or recordings.")],
     output: Annotated[Path, typer.Option("-o", "--output", help="CSV to write.")],
     method: Method = "maximum-likelihood",
     channel: Channel = "auto",
@@ -88,57 +88,141 @@ def stripes(
 
 @app.command()
 def reconstruct(
-    capture: Annotated[Path, typer.Argument(help="Capture folder.")],
+    capture: Annotated[Path, typer.Argument(help="Capture folder or recording.")],
     output: Annotated[Path, typer.Option("-o", "--output", help="Cloud to write: .ply or .glb.")],
     rig: Annotated[
-        Path | None, typer.Option(help="Calibrated rig; else the folder's rig.json, else the nominal rig.")
+        Path | None, typer.Option(help="Calibrated rig; else the capture's own, else the nominal rig.")
     ] = None,
     method: Method = "maximum-likelihood",
     channel: Channel = "auto",
-    sources: Annotated[str, typer.Option(help="Lasers to use: laser1,laser2.")] = "laser1,laser2",
+    sources: Annotated[str, typer.Option(help="What to use: some of laser1,laser2,tof; or all there are.")] = "all",
     every: Annotated[int, typer.Option(min=1, help="Use each n-th frame.")] = 1,
     ascii_: Annotated[bool, typer.Option("--ascii", help="Write the PLY as text.")] = False,
     workers: Annotated[int | None, typer.Option(min=1, help="Processes; all cores if absent.")] = None,
+    align: Annotated[
+        str, typer.Option(help="none, or thesis: move laser 1 and the ToF cloud by Nelder-Mead before fusing.")
+    ] = "none",
     json: Json = False,
 ) -> None:
-    """Turn the laser pass of a capture folder into a point cloud in millimetres."""
+    """Turn laser pass and ToF pass of a capture folder or a recording into one point cloud in millimetres."""
     from twinline.cli.reconstruct import ReconstructRequest, run_reconstruct
 
     wanted = frozenset(name.strip() for name in sources.split(",") if name.strip())
-    run_reconstruct(ReconstructRequest(capture, output, rig, method, channel, wanted, every, ascii_, workers, json))
+    run_reconstruct(
+        ReconstructRequest(capture, output, rig, method, channel, wanted, every, ascii_, workers, json, align)
+    )
 
 
 @app.command()
 def calibrate(
-    capture: Annotated[Path, typer.Argument(help="Capture folder; whatever parts of it exist are used.")],
+    capture: Annotated[Path, typer.Argument(help="Capture folder or recording; whatever parts of it exist are used.")],
     output: Annotated[Path, typer.Option("-o", "--output", help="rig.json to write.")],
     only: Annotated[str, typer.Option(help="Parts to calibrate: camera,travel,sheets,tof; all if empty.")] = "",
     start: Annotated[Path | None, typer.Option(help="Rig that holds the parts that are not calibrated.")] = None,
+    method: Annotated[
+        str, typer.Option(help="joint (everything together) or thesis (Nelder-Mead on two numbers per laser).")
+    ] = "joint",
+    picks: Annotated[
+        Path | None, typer.Option(help="CSV laser,u,v,height_mm of points for --method thesis; else they are found.")
+    ] = None,
+    report: Annotated[
+        Path | None, typer.Option(help="Page (.html) to write, also where the calibration is refused.")
+    ] = None,
     json: Json = False,
 ) -> None:
     """Calibrate camera, travel, laser sheets and ToF mount together, and say how sure each is."""
     from twinline.cli.calibrate import CalibrateRequest, run_calibrate
 
     parts = frozenset(name.strip() for name in only.split(",") if name.strip())
-    run_calibrate(CalibrateRequest(capture, output, parts, start, json))
+    run_calibrate(CalibrateRequest(capture, output, parts, start, json, method, picks, report))
 
 
 @app.command()
 def simulate(
     output: Annotated[Path, typer.Option("-o", "--output", help="New capture folder.")],
-    scene: Annotated[str, typer.Option(help="three-objects, steps, sphere, relief or bed.")] = "three-objects",
+    scene: Annotated[
+        str,
+        typer.Option(
+            help="three-objects, five-pieces, relief, steps, sphere, board, bed, or a mesh file (STL, PLY, OBJ, GLB)."
+        ),
+    ] = "three-objects",
     seed: Annotated[int, typer.Option(help="Of the noise: equal seeds give equal pictures.")] = 1,
     pitch: Annotated[float, typer.Option(help="Travel between frames, mm.")] = 0.5,
+    parts: Annotated[
+        str, typer.Option(help="What to add for calibration: camera, motion, tof, separated by commas.")
+    ] = "",
 ) -> None:
-    """Render a capture folder of a built-in scene with the simulated scanner, its truth beside it."""
+    """Render a capture folder of a scene with the simulated scanner, its truth beside it."""
     from twinline.cli.simulate import run_simulate
 
-    run_simulate(output, scene, seed, pitch)
+    run_simulate(output, scene, seed, pitch, parts)
+
+
+@app.command()
+def scan(
+    output: Annotated[Path, typer.Option("-o", "--output", help="Cloud to write: .ply or .glb.")],
+    scene: Annotated[
+        str, typer.Option(help="What lies on the simulated bed: a built-in scene or a mesh file.")
+    ] = "three-objects",
+    board: Annotated[
+        str | None, typer.Option(help="Serial port of a real board, such as /dev/ttyACM0; simulated if absent.")
+    ] = None,
+    camera: Annotated[
+        str | None, typer.Option(help="uvc:0, rtsp://, http://, a video or a folder; simulated if absent.")
+    ] = None,
+    machine: Annotated[Path | None, typer.Option(help="capture.json that describes a real scanner.")] = None,
+    rig: Annotated[Path | None, typer.Option(help="Calibrated rig; a simulated machine brings its own.")] = None,
+    area: Annotated[
+        tuple[float, float] | None, typer.Option(help="Cart positions where the laser pass begins and ends, mm.")
+    ] = None,
+    speed: Annotated[float, typer.Option(help="Speed of the laser pass, mm/s.")] = 12.5,
+    alternating: Annotated[bool, typer.Option("--alternating", help="Let the lasers take turns.")] = False,
+    tof: Annotated[bool, typer.Option(help="Make a ToF pass too.")] = True,
+    tof_area: Annotated[
+        tuple[float, float, float, float] | None,
+        typer.Option(help="Cart from, to, slide from, to of the ToF pass, mm; a real machine makes none without it."),
+    ] = None,
+    tof_advance: Annotated[float, typer.Option(help="Distance of the ToF pass's rows, mm.")] = 3.0,
+    tof_speed: Annotated[float, typer.Option(help="Speed of the ToF pass's sweeps, mm/s.")] = 20.0,
+    rate: Annotated[float, typer.Option(help="Frames per second of the simulated camera.")] = 25.0,
+    seed: Annotated[int, typer.Option(help="Of the simulated machine's noise.")] = 1,
+    real_time: Annotated[
+        bool, typer.Option("--real-time", help="Let the simulated machine take the time that a real one takes.")
+    ] = False,
+    recording: Annotated[
+        Path | None, typer.Option(help="New folder for the recording; else OUTPUT's name with .scan.")
+    ] = None,
+    resume: Annotated[
+        bool, typer.Option("--resume", help="Go on with the scan in that folder, where it was interrupted.")
+    ] = False,
+    json: Json = False,
+) -> None:
+    """Make a whole scan: laser pass, ToF pass, cloud. Without --board and --camera on the simulated machine."""
+    from twinline.cli.scan import ScanOptions, run_scan_command
+
+    run_scan_command(
+        ScanOptions(
+            output, board, camera, machine, rig, scene, seed, area, speed, rate, alternating, tof, tof_area,
+            tof_advance, tof_speed, real_time, recording, resume, json,
+        )
+    )  # fmt: skip
+
+
+@app.command()
+def doctor(
+    board: Annotated[str | None, typer.Option(help="Also ask the board at this serial port.")] = None,
+    camera: Annotated[str | None, typer.Option(help="Also ask the camera at this address.")] = None,
+    json: Json = False,
+) -> None:
+    """Look whether this computer, the board and the camera are fit for scanning."""
+    from twinline.cli.doctor import run_doctor
+
+    run_doctor(board, camera, json=json)
 
 
 @app.command()
 def rig(
-    capture: Annotated[Path, typer.Argument(help="Capture folder.")],
+    capture: Annotated[Path, typer.Argument(help="Capture folder or recording.")],
     output: Annotated[Path, typer.Option("-o", "--output", help="rig.json to write.")],
 ) -> None:
     """Write the nominal rig that a capture folder describes, as a start for a rig of your own."""
@@ -163,6 +247,65 @@ def board(
     from twinline.cli.board import BoardRequest, run_board
 
     run_board(BoardRequest(output, kind, columns, rows, square, marker, dictionary, paper))
+
+
+@app.command("import")
+def import_(
+    folder: Annotated[Path, typer.Argument(help="Capture folder; or a recording that was cut off, to repair a copy.")],
+    output: Annotated[Path, typer.Option("-o", "--output", help="Recording to write, such as scan.mcap.")],
+    json: Json = False,
+) -> None:
+    """Put a capture folder into one recording; every picture stays as it is, byte by byte."""
+    from twinline.cli.transfer import run_import
+
+    run_import(folder, output, json=json)
+
+
+@app.command()
+def export(
+    recording: Annotated[Path, typer.Argument(help="Recording, or the folder with the recordings of a scan.")],
+    output: Annotated[Path, typer.Option("-o", "--output", help="New capture folder.")],
+    json: Json = False,
+) -> None:
+    """Turn a recording into a capture folder of ordinary files."""
+    from twinline.cli.transfer import run_export
+
+    run_export(recording, output, json=json)
+
+
+@app.command()
+def inspect(
+    scan: Annotated[Path, typer.Argument(help="Cloud or mesh: PLY, STL, OBJ, GLB, OFF, or text of x y z.")],
+    reference: Annotated[Path | None, typer.Argument(help="Mesh or cloud to compare it with.")] = None,
+    measure: Annotated[
+        list[str] | None,
+        typer.Option(
+            "-m", "--measure", help="plane, sphere, cylinder, prism, step, volume or distance:I,J; several times."
+        ),
+    ] = None,
+    region: Annotated[
+        list[str] | None, typer.Option(help="xmin,xmax,ymin,ymax[,zmin,zmax] in mm; twice for a step or two spheres.")
+    ] = None,
+    align: Annotated[str, typer.Option(help="search (from anywhere), near (from where they lie) or none.")] = "search",
+    unit: Annotated[
+        str, typer.Option(help="Of the reference where its format says none: auto, mm, inch or m.")
+    ] = "auto",
+    tolerance: Annotated[str, typer.Option(help="0.1 for ± 0.1 mm, or low,high in mm.")] = "",
+    reach: Annotated[float | None, typer.Option(help="Points further from the reference are not compared, mm.")] = None,
+    bed: Annotated[float | None, typer.Option(help="Leave out the scan's points below this height, mm.")] = None,
+    output: Annotated[Path | None, typer.Option("-o", "--output", help="Deviations as colours: .ply or .glb.")] = None,
+    indices: Annotated[bool, typer.Option("--indices", help="With --json: the rows of the points used.")] = False,
+    json: Json = False,
+) -> None:
+    """Measure a cloud or a mesh with uncertainties, or compare it with a reference mesh or another cloud."""
+    from twinline.cli.inspect import InspectRequest, run_inspect
+
+    run_inspect(
+        InspectRequest(
+            scan, reference, tuple(measure or ()), tuple(region or ()), align, unit, tolerance, reach, bed, output,
+            indices, json,
+        )
+    )  # fmt: skip
 
 
 @app.command()
