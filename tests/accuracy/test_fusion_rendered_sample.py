@@ -18,7 +18,7 @@ from twinline.fusion.cloud import Source
 from twinline.fusion.lag import estimate_lag
 from twinline.fusion.tof import TofRaster
 from twinline.geometry.rig import Rig, TofMount
-from twinline.reconstruction.fused import reconstruct_fused
+from twinline.reconstruction.fused import reconstruct_fused, sources_of
 from twinline.reconstruction.result import Reconstruction, ReconstructionOptions
 from twinline.recording.capture import Capture, open_capture
 
@@ -86,7 +86,8 @@ def test_the_tof_sensor_makes_it_better_and_covers_what_the_lasers_leave(
     capture: Capture, truth: RenderedTruth, score: Score
 ) -> None:  # fmt: skip
     rig = with_tof(truth.rig, capture)
-    found = truth.score(reconstruct_fused(capture, rig).cloud.points_mm)
+    options = ReconstructionOptions(sources=sources_of(capture, rig), fill=True)
+    found = truth.score(reconstruct_fused(capture, rig, options).cloud.points_mm)
     assert found.rms_mm <= 0.8 * score.rms_mm
     assert found.objects_mm <= OBJECTS_MM
     assert found.gross <= GROSS

@@ -102,6 +102,9 @@ def reconstruct(
     align: Annotated[
         str, typer.Option(help="none, or thesis: move laser 1 and the ToF cloud by Nelder-Mead before fusing.")
     ] = "none",
+    fill: Annotated[
+        bool, typer.Option("--fill", help="Close small gaps with points from around them, marked as source 5.")
+    ] = False,
     json: Json = False,
 ) -> None:
     """Turn laser pass and ToF pass of a capture folder or a recording into one point cloud in millimetres."""
@@ -109,7 +112,7 @@ def reconstruct(
 
     wanted = frozenset(name.strip() for name in sources.split(",") if name.strip())
     run_reconstruct(
-        ReconstructRequest(capture, output, rig, method, channel, wanted, every, ascii_, workers, json, align)
+        ReconstructRequest(capture, output, rig, method, channel, wanted, every, ascii_, workers, json, align, fill)
     )
 
 

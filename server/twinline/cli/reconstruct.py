@@ -47,6 +47,7 @@ class ReconstructRequest:
     workers: int | None
     json: bool
     align: str = "none"
+    fill: bool = False
 
     def options(self) -> ReconstructionOptions:
         """As the reconstruction takes them; "all" sources are not resolved yet."""
@@ -58,7 +59,7 @@ class ReconstructRequest:
             raise InputError("--sources is empty: name some of laser1, laser2 and tof, or all.")
         if self.align not in ALIGNMENTS:
             raise InputError(f"--align {self.align}: choose one of {', '.join(ALIGNMENTS)}.")
-        return ReconstructionOptions(self.method, self.sources, self.every, self.channel, self.align)
+        return ReconstructionOptions(self.method, self.sources, self.every, self.channel, self.align, self.fill)
 
 
 def run_reconstruct(request: ReconstructRequest, about: Mapping[str, object] = MappingProxyType({})) -> None:

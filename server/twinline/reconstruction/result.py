@@ -51,7 +51,7 @@ class ReconstructionOptions:
     every: int = 1
     channel: Channel = "auto"
     alignment: AlignmentMethod = "none"
-    fill: bool = True
+    fill: bool = False
 
 
 NO_STRIPE = "no laser stripe"
