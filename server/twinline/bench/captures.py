@@ -14,6 +14,7 @@ from twinline.geometry.noise import NoiseModel
 from twinline.geometry.nominal import nominal_rig
 from twinline.geometry.optics import stripe_positions
 from twinline.geometry.rig import Rig
+from twinline.geometry.sheet import Side
 from twinline.recording.capture import Capture, open_capture
 
 PITCH_MM = 0.5
@@ -34,8 +35,8 @@ def bench_rig(size: tuple[int, int]) -> Rig:
     focal = _FOCAL_WIDTHS * width
     camera = Camera(np.array([[focal, 0.0, width / 2], [0.0, focal, height / 2], [0.0, 0.0, 1.0]]), size)
     angle = float(np.radians(_ANGLE_DEG))
-    lasers = [(_BASELINE_MM, angle, "+v"), (_BASELINE_MM, angle, "-v")]
-    rig = nominal_rig("bench", camera, "along-u", lasers, _HEIGHT_MM)  # type: ignore[arg-type]
+    lasers: list[tuple[float, float, Side]] = [(_BASELINE_MM, angle, "+v"), (_BASELINE_MM, angle, "-v")]
+    rig = nominal_rig("bench", camera, "along-u", lasers, _HEIGHT_MM)
     return replace(rig, noise=NoiseModel(read_dn=NOISE_DN))
 
 
