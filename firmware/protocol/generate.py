@@ -14,14 +14,13 @@ import tomllib
 from pathlib import Path
 from typing import Any
 
+# Beside this file, whose folder is no package: a script finds its neighbours by itself.
+import c_header
+import document
+import python_module
+import vectors
+
 HERE = Path(__file__).resolve().parent
-sys.path.insert(0, str(HERE))
-
-import c_header  # noqa: E402  (beside this file, which is no package)
-import document  # noqa: E402
-import python_module  # noqa: E402
-import vectors  # noqa: E402
-
 SOURCE = HERE / "protocol.toml"
 UNIQUE = (
     *((kind, "name") for kind in ("limit", "axis", "verb", "error", "event", "flag", "values")),

@@ -3,6 +3,7 @@
 import importlib.util
 import subprocess
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 from types import ModuleType
 
@@ -14,13 +15,16 @@ GENERATOR = Path(__file__).resolve().parents[2] / "firmware" / "protocol" / "gen
 
 
 @pytest.fixture(scope="module")
-def generator() -> ModuleType:
+def generator() -> Iterator[ModuleType]:
     specification = importlib.util.spec_from_file_location("generate", GENERATOR)
     assert specification is not None
     assert specification.loader is not None
     module = importlib.util.module_from_spec(specification)
-    specification.loader.exec_module(module)
-    return module
+    with pytest.MonkeyPatch.context() as patch:
+        # As Python does for a script.
+        patch.syspath_prepend(str(GENERATOR.parent))
+        specification.loader.exec_module(module)
+        yield module
 
 
 def test_the_generated_files_are_up_to_date() -> None:
