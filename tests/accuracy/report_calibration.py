@@ -18,7 +18,8 @@ from tests.accuracy.calibration_parts import misaligned_rig, whole_capture, writ
 from tests.accuracy.calibration_shape import shape_error_mm, volume_error_mm
 from tests.accuracy.calibration_truth import Surface, score
 from tests.accuracy.rendered_truth import read_truth
-from tests.accuracy.report_real import ACCURACY, HEADING, data, table
+from tests.accuracy.report_real import data, table
+from tests.accuracy.report_section import write_section
 from tests.accuracy.test_calibration_known import BOARD_VIEWS, described
 from tests.accuracy.test_calibration_rendered_sample import score_aligned
 from twinline.bench.growth import InlineExecutor
@@ -33,7 +34,6 @@ from twinline.reconstruction.offline import reconstruct
 from twinline.recording.capture import Capture, open_capture
 from twinline.recording.rig_file import read_rig
 
-BEGIN, END = "<!-- calibration: begin -->", "<!-- calibration: end -->"
 SHARES = (0.1, 0.2)
 PRISM, STEPS = "prism 25.4 x 24.2 x 19.35 mm only", "steps under a lower camera"
 SPOILT = ("flat tops", "three objects, angles 3 and 6 degrees out")
@@ -204,8 +204,7 @@ def section() -> str:
         "Capture", "RMS with the true rig, all / objects, mm", "joint, ratio", "thesis, ratio", "shape error, mm",
         "over the volume, mm", "predicted, mm", "ToF lag off by, ms", "verdict",
     )  # fmt: skip
-    return f"""{BEGIN}
-## Calibration
+    return f"""## Calibration
 
 Written by `python -m tests.accuracy.report_calibration`; do not edit by hand. Machines whose camera, lasers, travel and
 ToF mount are out by 0.3 to 1 degree and 1 to 6 mm (once by 3 and 6 degrees), calibrated from pictures of a board, of
@@ -231,23 +230,8 @@ patches: stripes of 6 frames by 12 columns together on a wrong surface.
 {table(("Capture", "clean", "10 %", "20 %", "10 % in patches"), spoilt)}
 ### Sheets from known surfaces alone
 
-{table(("Part", "tilt off by, degrees, lasers 1 / 2", "offset off by, mm", "over the volume, mm"), known)}{END}
-"""
-
-
-def main() -> None:
-    """Write the section, or print it."""
-    found = section()
-    if "--print" in sys.argv[1:]:
-        sys.stdout.write(found)
-        return
-    text = ACCURACY.read_text(encoding="utf-8") if ACCURACY.exists() else HEADING
-    if BEGIN in text:
-        before, rest = text.split(BEGIN)
-        ACCURACY.write_text(before + found.rstrip("\n") + rest.split(END)[1], encoding="utf-8")
-    else:
-        ACCURACY.write_text(text.rstrip("\n") + "\n\n" + found, encoding="utf-8")
+{table(("Part", "tilt off by, degrees, lasers 1 / 2", "offset off by, mm", "over the volume, mm"), known)}"""
 
 
 if __name__ == "__main__":
-    main()
+    write_section("calibration", section(), sys.argv[1:])

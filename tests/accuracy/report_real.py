@@ -16,6 +16,7 @@ import numpy as np
 from tests.accuracy.ciclop_stripes import BOARDS, count_bust, find_stripes, straightness
 from tests.accuracy.rendered_scans import unfiltered
 from tests.accuracy.rendered_truth import RenderedTruth, Score, read_truth
+from tests.accuracy.report_section import write_section
 from tests.accuracy.test_real_linear_stairs import TREADS, Stairs, scan, write_capture
 from twinline.fusion.cloud import Source
 from twinline.reconstruction.offline import reconstruct
@@ -24,9 +25,6 @@ from twinline.recording.capture import Capture, open_capture
 from twinline.stripe import METHODS
 
 REPOSITORY = Path(__file__).resolve().parents[2]
-ACCURACY = REPOSITORY / "server" / "ACCURACY.md"
-HEADING = "# Accuracy: measured\n"
-BEGIN, END = "<!-- real data: begin -->", "<!-- real data: end -->"
 
 
 def data(name: str) -> Path:
@@ -186,23 +184,5 @@ taken for a stripe in rows that show none.
 {table(["off subtracted", "found on the bust", "false rows", "rim", "faint"], bust)}"""
 
 
-def with_section(text: str, body: str) -> str:
-    """The file with its section replaced, or appended where there is none yet."""
-    block = f"{BEGIN}\n{body.rstrip()}\n{END}\n"
-    if BEGIN in text and END in text:
-        before, rest = text.split(BEGIN, 1)
-        return before + block + rest.split(END, 1)[1].removeprefix("\n")
-    return f"{(text or HEADING).rstrip()}\n\n{block}"
-
-
-def main(arguments: Sequence[str]) -> None:
-    body = section()
-    if "--print" in arguments:
-        sys.stdout.write(body)
-        return
-    text = ACCURACY.read_text(encoding="utf-8") if ACCURACY.exists() else HEADING
-    ACCURACY.write_text(with_section(text, body), encoding="utf-8")
-
-
 if __name__ == "__main__":
-    main(sys.argv[1:])
+    write_section("real data", section(), sys.argv[1:])

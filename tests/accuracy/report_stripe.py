@@ -5,11 +5,11 @@ With ``--print`` the section goes to standard output and the file stays as it is
 
 import sys
 from collections.abc import Callable, Iterable, Sequence
-from pathlib import Path
 
 import numpy as np
 
 from tests.accuracy import stripe_situations as situations
+from tests.accuracy.report_section import write_section
 from tests.accuracy.stripe_grids import (
     ADDITIVE,
     BUDGETED_CONTRASTS,
@@ -31,10 +31,6 @@ from tests.accuracy.stripe_grids import (
 )
 from tests.accuracy.synthetic_columns import Stripe
 from twinline.stripe import METHODS, Method
-
-ACCURACY = Path(__file__).resolve().parents[2] / "server" / "ACCURACY.md"
-HEADING = "# Accuracy: measured\n"
-BEGIN, END = "<!-- stripe centre: begin -->", "<!-- stripe centre: end -->"
 
 GROSS_MUST = 0.002
 
@@ -325,23 +321,5 @@ on 60 DN. RMS error, and its ratio to the bound of as many exposures as enter th
 {texture()}"""
 
 
-def with_section(text: str, body: str) -> str:
-    """The file with its section replaced, or appended where there is none yet."""
-    block = f"{BEGIN}\n{body.rstrip()}\n{END}\n"
-    if BEGIN in text and END in text:
-        before, rest = text.split(BEGIN, 1)
-        return before + block + rest.split(END, 1)[1].removeprefix("\n")
-    return f"{(text or HEADING).rstrip()}\n\n{block}"
-
-
-def main(arguments: Sequence[str]) -> None:
-    body = section()
-    if "--print" in arguments:
-        sys.stdout.write(body)
-        return
-    text = ACCURACY.read_text(encoding="utf-8") if ACCURACY.exists() else HEADING
-    ACCURACY.write_text(with_section(text, body), encoding="utf-8")
-
-
 if __name__ == "__main__":
-    main(sys.argv[1:])
+    write_section("stripe centre", section(), sys.argv[1:])
